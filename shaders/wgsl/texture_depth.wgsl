@@ -192,7 +192,7 @@ struct Triangle {
     // Index of the texture's level plus one; 0 without a texture.
     level: f32,
     // Largest magnitude of the displacement.
-    most: f32,
+    max_displacement: f32,
     // Inverse of twice the signed area as seen along n.
     inverse_area: f32,
 }
@@ -258,7 +258,7 @@ fn above(tri: Triangle, at: vec2<f32>, step: f32, reach: f32, refinements: u32) 
     }
     if tri.level == 0.0 { return Point(true, false, s, t, base); }
     let level = levels[u32(tri.level) - 1u];
-    let tilt = tri.most * (tri.n0.xy + s * tri.m1.xy + t * tri.m2.xy);
+    let tilt = tri.max_displacement * (tri.n0.xy + s * tri.m1.xy + t * tri.m2.xy);
     if dot(tilt, tilt) <= NEGLIGIBLE_SHIFT * step * NEGLIGIBLE_SHIFT * step || refinements == 0u {
         return Point(true, false, s, t, upright(tri, level, s, t));
     }
@@ -490,9 +490,9 @@ fn gradient(known: Sample) -> array<f32, 6> {
 }
 
 // Second derivatives of the overlap for a point of A over B: upper triangle, row by row. With H = -grad^2 h_B
-// they are J^T H J + dg, where J = (1, -[r]x) moves r, and the rotational block also has 0.5 (r g^T + g r^T)
-// - (g . r) 1, from the second-order displacement 0.5 w x (w x r) of r by a turn w. For a point of B they are
-// neglected.
+// and J = (1, -[r]x), by which A's motion moves r, they are J^T H J. The second-order displacement
+// 0.5 w x (w x r) of r by a turn w adds 0.5 (r g^T + g r^T) - (g . r) 1 to the rotational block. For a point of
+// B they are neglected.
 fn curvature(known: Sample) -> array<f32, 21> {
     if known.ends == 2u { return array<f32, 21>(); }
     let r = vec3(known.at, known.a.height);

@@ -647,7 +647,7 @@ impl CruelWire {
             },
             motion: HandMotion::default(),
             specification: specification(&world.cruelty),
-            patience: Duration::from_millis(5),
+            read_timeout: Duration::from_millis(5),
             silence: 0.01,
         }
     }

@@ -8,19 +8,19 @@ use crate::{
     Status,
 };
 
-/// Time in which the wrench comes up after the button is pressed, s.
+/// Time in which the wrench rises from zero after the button is pressed, s.
 const RISE_TIME: f64 = 0.2;
 
 /// A device that renders a wrench only while one of its buttons is held. When the button is released, the
 /// wrench is zero from the next write on, and [`Status::NOT_ENABLED`] is set, with [`Status::WITHHELD`] if
-/// another wrench was asked for. When it is pressed, the wrench comes up smoothly.
+/// another wrench was commanded. When it is pressed, the wrench rises smoothly.
 ///
-/// The haptic loop sees this in the status only: its energy figures are those of the wrench it asked for.
+/// The haptic loop sees this in the status only: its energy figures are those of the commanded wrench.
 #[derive(Debug)]
 pub struct HoldToEnable<D>(Held<D>);
 
-/// The device with the state of its button. It is also the gripper of the public type, whose torque it withholds
-/// in the same way.
+/// The device with the state of its button. It is also the gripper of the public type, whose torque it
+/// withholds in the same way.
 #[derive(Debug)]
 struct Held<D> {
     device: D,
@@ -31,7 +31,7 @@ struct Held<D> {
     /// Time at which the button was pressed, s.
     held: Option<f64>,
     now: f64,
-    /// What was done to the wrench, and to the gripper's torque, since the last read.
+    /// Events of the wrench, and of the gripper's torque, since the last read.
     events: Status,
     gripper_events: Status,
 }
@@ -151,7 +151,7 @@ mod tests {
     const WRENCH: Wrench = Wrench { force: DVec3::X, torque: DVec3::ZERO };
 
     #[test]
-    fn nothing_is_felt_before_the_button_is_held_or_after() {
+    fn wrench_is_zero_unless_the_button_is_held() {
         let mut device = HoldToEnable::new(Emulation::default().open(Pose::IDENTITY).unwrap(), 2);
         let applied = |device: &mut HoldToEnable<crate::EmulatedDevice>, now: f64, buttons: u32| {
             device.0.device.set_buttons(buttons);

@@ -1,7 +1,7 @@
 //! The hand that holds an emulated handle: a mass, damper and spring, in translation and in rotation, between
-//! the handle and the path that the user means to follow.
+//! the handle and the path that the user intends.
 //!
-//! One person's hand and arm as measured: 0.554 kg, 6.45 N·s/m, 135 N/m (van Beek et al., 2015), here
+//! Measured hand and arm of one person: 0.554 kg, 6.45 N·s/m, 135 N/m (van Beek et al., 2015), here
 //! [`Hand::ARM`]. The lighter grips and the angular values span the ranges usual in the literature on grip
 //! impedance; they are not one person's.
 
@@ -32,7 +32,7 @@ pub struct Hand {
 }
 
 impl Hand {
-    /// No hand: the handle is let go.
+    /// No hand: the handle is released.
     pub const NONE: Self = Self {
         mass: 0.0,
         damping: 0.0,

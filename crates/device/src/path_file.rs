@@ -53,8 +53,8 @@ impl MotionPath {
     /// Reads a recorded motion; `file` names the input in errors.
     ///
     /// # Errors
-    /// If the input cannot be read or has no sample, or its header or a line is not valid: with the line and a
-    /// remedy.
+    /// If the input cannot be read or has no sample, or its header or a line is not valid: with the line and
+    /// a remedy.
     pub fn read(input: impl BufRead, file: &Path, interpolation: Interpolation) -> Result<Self, PathError> {
         let keyframes = read_samples(input, file, &FORMAT, |numbers, previous| {
             let [time, px, py, pz, qx, qy, qz, qw] = numbers;
@@ -100,8 +100,8 @@ pub(crate) struct SampleFormat<const N: usize> {
     pub sample_remedy: &'static str,
 }
 
-/// Reads the samples of a recorded motion. `sample` makes a keyframe of a line's numbers and the time (s) of the
-/// sample before, or refuses it.
+/// Reads the samples of a recorded motion. `sample` makes a keyframe of a line's numbers and the time (s) of
+/// the sample before, or refuses it.
 pub(crate) fn read_samples<const N: usize>(
     mut input: impl BufRead,
     file: &Path,
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_reads_back_bit_for_bit() {
+    fn written_samples_read_back_bit_for_bit() {
         let mut rng = StdRng::seed_from_u64(11);
         let keyframes = (0..500)
             .map(|i| {
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn blank_lines_carriage_returns_spaces_and_a_byte_order_mark_are_read_over() {
+    fn blank_lines_carriage_returns_spaces_and_a_byte_order_mark_are_skipped() {
         let path = read(
             "\u{feff}t, px,py,pz,qx,qy,qz,qw\r\n\r\n0, 1,2,3, 0,0,0,1\r\n\n 1,1,2,3,0,0,0,-1".as_bytes(),
         );

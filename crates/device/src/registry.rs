@@ -368,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_addresses_are_refused_with_what_there_is() {
+    fn unknown_addresses_are_refused_with_the_known_ones() {
         for address in [
             "",
             "emulated:",

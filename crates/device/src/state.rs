@@ -59,8 +59,8 @@ impl Status {
     /// calibrated, or without power).
     pub const NOT_ENABLED: Self = Self(1 << 12);
 
-    /// The driver has sent zero in place of the commanded wrench since the previous read; the wrench has to
-    /// come up from zero.
+    /// The driver has sent zero instead of the commanded wrench since the previous read; the wrench has to
+    /// rise from zero.
     pub const WITHHELD: Self = Self(1 << 13);
 
     const NAMES: [(Self, &str); 14] = [

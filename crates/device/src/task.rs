@@ -28,7 +28,7 @@ pub enum Task {
     /// Comes down, presses, scrubs along two axes while it twists, and withdraws.
     #[default]
     Explore,
-    /// Comes down, presses, holds, and lets go.
+    /// Comes down, presses, holds, and withdraws.
     Press,
     /// Strokes along x, lifts, and goes back through the air.
     Stroke,

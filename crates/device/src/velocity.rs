@@ -61,7 +61,7 @@ impl AdaptiveWindow {
         self.velocity
     }
 
-    /// Clears the window, as after a gap: earlier readings say nothing about the motion after it.
+    /// Clears the window, for example after a gap: earlier readings do not describe the motion after it.
     pub fn clear(&mut self) {
         *self = Self::new(self.noise);
     }
@@ -76,8 +76,8 @@ impl AdaptiveWindow {
         let newest = self.values[0][axis];
         let age = |i: usize| self.times[0] - self.times[i];
         let mut fitted = (0.0, 0.0);
-        // Lengthen the window while the line from its oldest reading to the newest stays within the noise of all
-        // readings between; the longest such line gives the velocity.
+        // Lengthen the window while the line from its oldest reading to the newest stays within the noise of
+        // all readings between; the longest such line gives the velocity.
         for back in 1..self.count {
             let slope = (newest - self.values[back][axis]) / age(back);
             let off = |i: usize| (newest - slope * age(i) - self.values[i][axis]).abs();

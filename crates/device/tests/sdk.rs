@@ -470,7 +470,7 @@ fn without_power_a_virtuose_gets_no_force() {
 }
 
 #[test]
-fn what_is_missing_is_named() {
+fn missing_libraries_functions_and_devices_are_named() {
     let fakes = fakes();
     let message = |address: &str| palpate_device::open(address).err().expect(address).to_string();
     for (kind, variable) in [

@@ -1,4 +1,4 @@
-//! How far the wrenches of one profile are from those of another.
+//! Differences between the wrenches of two profiles.
 
 use palpate::Wrench;
 use palpate::glam::DVec3;
@@ -10,43 +10,43 @@ use crate::experiment::Trace;
 use crate::profile::Profile;
 use crate::statistics::{mean, quantile};
 
-/// Above this, Hz, a force is not the hand's motion any more, but vibration.
-pub const AUDIBLE: f64 = 20.0;
+/// Lowest frequency that counts as vibration, Hz: the hand itself moves more slowly.
+pub const VIBRATION_FREQUENCY: f64 = 20.0;
 
-/// How forces, or torques, differ from exact ones, over the states where either are not zero.
+/// Deviation of forces, or torques, from exact ones, over the states in which either is not zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Deviation {
-    /// Root mean square of the exact ones: what the others are to be seen against, N or N·m.
+    /// Root mean square of the exact vectors, as a scale for the others, N or N·m.
     pub exact_rms: f64,
-    /// Of the length of the difference, N or N·m.
+    /// Mean length of the difference, N or N·m.
     pub mean: f64,
-    /// Its 99th percentile, N or N·m.
+    /// 99th percentile of the length of the difference, N or N·m.
     pub p99: f64,
-    /// Of the vectors; 1 where both are constant.
+    /// Correlation of the vectors; 1 if both are constant.
     pub correlation: f64,
-    /// Root mean square of what is above [`AUDIBLE`] Hz, N or N·m: vibration.
+    /// Vibration: root mean square above [`VIBRATION_FREQUENCY`], N or N·m.
     pub vibration: f64,
-    /// The same of the exact ones.
+    /// Vibration of the exact vectors, N or N·m.
     pub exact_vibration: f64,
 }
 
-/// How a profile differs from an exact one.
+/// Difference between a profile and an exact one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Difference {
-    /// N.
+    /// Deviation of forces, N.
     pub force: Deviation,
-    /// About the object's centre of mass, N·m.
+    /// Deviation of torques about the object's centre of mass, N·m.
     pub torque: Deviation,
 }
 
 impl Difference {
-    /// Of two profiles along one path, `rate` (Hz) states a second.
+    /// Compares two profiles along one path with `rate` states per second (Hz).
     pub fn of(found: &Profile, exact: &Profile, rate: f64) -> Self {
         Self::of_wrenches(&found.wrenches, &exact.wrenches, rate)
     }
 
-    /// Of the wrenches at the device in two traces of the same hand, one of whose haptic rates is a multiple of the other; vibration
-    /// is that at the rate of each.
+    /// Compares the wrenches at the device in two traces of the same hand. One haptic rate has to be a
+    /// multiple of the other. The vibration of each is computed at its own rate.
     pub fn felt(found: &Trace, exact: &Trace) -> Self {
         let rate = found.rate.min(exact.rate);
         let thinned = |trace: &Trace| -> Vec<Wrench> {
@@ -55,19 +55,19 @@ impl Difference {
         };
         let mut difference = Self::of_wrenches(&thinned(found), &thinned(exact), rate);
         let vibration = |trace: &Trace| {
-            let of = |part: fn(&Wrench) -> DVec3| {
+            let above = |part: fn(&Wrench) -> DVec3| {
                 let vectors: Vec<DVec3> =
                     trace.samples.iter().map(|sample| part(&sample.record.coupling)).collect();
-                rms_above(AUDIBLE, &vectors, trace.rate)
+                rms_above(VIBRATION_FREQUENCY, &vectors, trace.rate)
             };
-            (of(|wrench| wrench.force), of(|wrench| wrench.torque))
+            (above(|wrench| wrench.force), above(|wrench| wrench.torque))
         };
         (difference.force.vibration, difference.torque.vibration) = vibration(found);
         (difference.force.exact_vibration, difference.torque.exact_vibration) = vibration(exact);
         difference
     }
 
-    /// Of two sequences of wrenches, `rate` (Hz) a second, as long as the shorter one.
+    /// Compares two sequences of wrenches, `rate` per second (Hz), over the length of the shorter one.
     pub fn of_wrenches(found: &[Wrench], exact: &[Wrench], rate: f64) -> Self {
         let part = |of: fn(&Wrench) -> DVec3| {
             let vectors = |wrenches: &[Wrench]| wrenches.iter().map(of).collect::<Vec<_>>();
@@ -78,11 +78,11 @@ impl Difference {
 }
 
 impl Deviation {
-    /// As a part of the exact ones' root mean square: the mean difference, or the vibration that there is more of, if that is
-    /// larger. 0 where there are no exact ones.
+    /// Relative deviation: the larger of the mean difference and the additional vibration, as a part of the
+    /// exact vectors' root mean square. 0 if the exact vectors are zero.
     pub fn relative(&self) -> f64 {
-        let off = self.mean.max(self.vibration - self.exact_vibration);
-        if self.exact_rms > 0.0 { off / self.exact_rms } else { 0.0 }
+        let deviation = self.mean.max(self.vibration - self.exact_vibration);
+        if self.exact_rms > 0.0 { deviation / self.exact_rms } else { 0.0 }
     }
 
     fn of(found: &[DVec3], exact: &[DVec3], rate: f64) -> Self {
@@ -98,13 +98,14 @@ impl Deviation {
             mean: mean(lengths.iter().copied()),
             p99: quantile(&lengths, 0.99),
             correlation: correlation(&pairs),
-            vibration: rms_above(AUDIBLE, found, rate),
-            exact_vibration: rms_above(AUDIBLE, exact, rate),
+            vibration: rms_above(VIBRATION_FREQUENCY, found, rate),
+            exact_vibration: rms_above(VIBRATION_FREQUENCY, exact, rate),
         }
     }
 }
 
-/// Of vectors about their means: Σ a·b / √(Σ a² Σ b²). 1 where neither varies, 0 where only one does.
+/// Returns the correlation of vectors about their means: Σ a·b / √(Σ a² Σ b²). 1 if neither varies, 0 if only
+/// one does.
 fn correlation(pairs: &[(DVec3, DVec3)]) -> f64 {
     let count = pairs.len().max(1) as f64;
     let (sum_a, sum_b) =
@@ -124,8 +125,8 @@ fn correlation(pairs: &[(DVec3, DVec3)]) -> f64 {
     }
 }
 
-/// Root mean square of what vectors, `rate` (Hz) of them a second, have above a frequency (Hz), seen through a Hann window;
-/// 0 of fewer than four.
+/// Returns the root mean square above a frequency (Hz) of vectors sampled at `rate` (Hz), with a Hann window;
+/// 0 for fewer than four vectors.
 pub fn rms_above(frequency: f64, vectors: &[DVec3], rate: f64) -> f64 {
     let count = vectors.len();
     if count < 4 {
@@ -141,7 +142,7 @@ pub fn rms_above(frequency: f64, vectors: &[DVec3], rate: f64) -> f64 {
             vectors.iter().enumerate().map(|(index, vector)| window(index) * (vector[axis] - middle));
         let mut spectrum: Vec<Complex<f64>> = windowed.map(Complex::from).collect();
         transform.process(&mut spectrum);
-        // The other half repeats this one, for the samples are real.
+        // Samples are real, so the other half of the spectrum repeats this one.
         for (bin, value) in spectrum[..=count / 2].iter().enumerate() {
             if bin as f64 * rate / count as f64 > frequency {
                 // Every bin but the last of an even count stands for two.
@@ -166,18 +167,18 @@ mod tests {
     }
 
     #[test]
-    fn vibration_is_what_is_fast() {
-        assert!(rms_above(AUDIBLE, &sine(5.0, 1.0), 1000.0) < 1e-3);
-        let fast = rms_above(AUDIBLE, &sine(80.0, 2.0), 1000.0);
+    fn vibration_is_the_fast_part() {
+        assert!(rms_above(VIBRATION_FREQUENCY, &sine(5.0, 1.0), 1000.0) < 1e-3);
+        let fast = rms_above(VIBRATION_FREQUENCY, &sine(80.0, 2.0), 1000.0);
         assert!((fast - 2.0_f64.sqrt()).abs() < 1e-3, "{fast}");
-        // An offset is no vibration.
+        // An offset is not vibration.
         let offset: Vec<DVec3> = sine(80.0, 2.0).iter().map(|vector| *vector + DVec3::X).collect();
-        assert!((rms_above(AUDIBLE, &offset, 1000.0) - fast).abs() < 1e-9);
-        assert_eq!(rms_above(AUDIBLE, &[DVec3::X; 3], 1000.0), 0.0);
+        assert!((rms_above(VIBRATION_FREQUENCY, &offset, 1000.0) - fast).abs() < 1e-9);
+        assert_eq!(rms_above(VIBRATION_FREQUENCY, &[DVec3::X; 3], 1000.0), 0.0);
     }
 
     #[test]
-    fn differences_are_those_of_the_vectors_where_one_touches() {
+    fn deviation_is_over_states_with_contact() {
         let forces = |vectors: &[DVec3]| -> Vec<Wrench> {
             vectors.iter().map(|force| Wrench { force: *force, torque: DVec3::ZERO }).collect()
         };

@@ -1,26 +1,26 @@
-//! Why something could not be measured.
+//! Errors of measurements.
 
 use palpate::device::{DeviceError, PathError};
 use palpate::errors::RendererError;
 
-/// Why something could not be measured.
+/// Reason why something could not be measured.
 #[derive(Debug, thiserror::Error)]
 pub enum MeasureError {
     /// The session could not be started.
     #[error(transparent)]
     Renderer(#[from] RendererError),
-    /// The emulated device could not.
+    /// The emulated device could not be opened.
     #[error(transparent)]
     Device(#[from] DeviceError),
     /// The hand's path is out of range.
     #[error(transparent)]
     Path(#[from] PathError),
-    /// The objects never came within the tolerance, so that there is nothing to compare.
-    #[error("{probe} never touches {scene} on the way that was tried; give another path")]
+    /// The objects never came within the tolerance, so there is nothing to compare.
+    #[error("{probe} never touches {scene} on this path; give another path")]
     NoContact {
-        /// The probe's name.
+        /// Name of the probe.
         probe: String,
-        /// The scene object's name.
+        /// Name of the scene object.
         scene: String,
     },
 }

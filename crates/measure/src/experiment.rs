@@ -1,4 +1,4 @@
-//! Sessions on a simulated clock of which everything is kept.
+//! Sessions on a simulated clock with a full record.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -12,89 +12,91 @@ use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings};
 
 use crate::error::MeasureError;
 
-/// One step.
+/// A haptic step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// What was recorded of it.
+    /// Record of the step.
     pub record: Record,
-    /// s.
+    /// Time of the step, s.
     pub time: f64,
-    /// ‖x_h − x_c‖: between the device's handle and the point of the object that it holds, m.
+    /// Distance ‖x_h − x_c‖ between the device's handle and the point of the object that it holds, m.
     pub deviation: f64,
-    /// The angle between them, rad.
+    /// Angle between handle and object, rad.
     pub turn: f64,
-    /// ‖F_c‖, at the object, N.
+    /// Coupling force ‖F_c‖ at the object, N.
     pub coupling: f64,
-    /// N.
+    /// Contact force, N.
     pub contact: f64,
     /// Maximum local penetration depth, m.
     pub depth: f64,
 }
 
-/// One contact step.
+/// A contact step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Query {
-    /// When it was, s.
+    /// Time of the step, s.
     pub time: f64,
-    /// The state of the grasped object that it saw.
+    /// State of the grasped object for the query.
     pub body: BodyState,
-    /// How many clustered contacts it found.
+    /// Number of clustered contacts.
     pub clusters: usize,
-    /// How long it took, s: another time each time.
+    /// Duration of the step, s. It varies from run to run.
     pub took: f64,
 }
 
-/// What a session is to be.
+/// Description of a session.
 #[derive(Clone, Debug)]
 pub struct Experiment<'a> {
-    /// The object in the hand.
+    /// Grasped object.
     pub probe: &'a Object,
-    /// What it touches.
+    /// Scene that it touches.
     pub scene: &'a Scene,
-    /// What to render with.
+    /// Settings of the session.
     pub settings: Settings,
     /// Integrator of the object's motion.
     pub integrator: IntegratorKind,
-    /// Contact queries a second, Hz, each taking its whole period.
+    /// Rate of contact queries, Hz; each takes its whole period.
     pub contact_rate: f64,
-    /// Whether the contact force stays what it was at the state that a query saw, in place of its linear model.
+    /// Whether the contact force stays constant after a query, instead of following its linear model.
     pub frozen: bool,
-    /// How long it lasts, s.
+    /// Duration of the session, s.
     pub seconds: f64,
 }
 
-/// What a session showed.
+/// Record of a session.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trace {
-    /// One a haptic step.
+    /// Samples, one per haptic step.
     pub samples: Vec<Sample>,
-    /// One a contact step.
+    /// Queries, one per contact step.
     pub queries: Vec<Query>,
-    /// Haptic steps a second, Hz.
+    /// Haptic rate, Hz.
     pub rate: f64,
-    /// Contact steps a second, Hz.
+    /// Contact rate, Hz.
     pub contact_rate: f64,
-    /// How long each haptic step took with reading and writing the emulated device, s: other times each time.
+    /// Durations of haptic steps, including reading and writing the emulated device, s. They vary from run to
+    /// run.
     pub step_times: Vec<f64>,
     /// Stiffness of the virtual coupling, N/m.
     pub coupling_stiffness: f64,
     /// Motion of the object up to which it counts as at rest, m: two encoder steps of the device.
     pub floor: f64,
-    /// Steps without a finite solution.
+    /// Number of steps without a finite solution.
     pub refused: u64,
 }
 
-/// Deeper than this, m, or turned or moved away by more, rad and m, an object is lost.
-const LOST_DEPTH: f64 = 0.02;
-const LOST: f64 = 1.0;
+/// Penetration depth above which a session counts as unstable, m.
+const UNSTABLE_DEPTH: f64 = 0.02;
+/// Distance (m) or angle (rad) between handle and object above which a session counts as unstable.
+const UNSTABLE_DEVIATION: f64 = 1.0;
 
 impl Trace {
-    /// Whether every step had a solution, and the object stayed with the device.
+    /// Returns whether every step had a solution, and the object stayed with the device.
     pub fn is_stable(&self) -> bool {
         let stays = |sample: &Sample| {
-            sample.deviation < LOST
-                && sample.turn < LOST
-                && sample.depth < LOST_DEPTH
+            sample.deviation < UNSTABLE_DEVIATION
+                && sample.turn < UNSTABLE_DEVIATION
+                && sample.depth < UNSTABLE_DEPTH
                 && sample.coupling.is_finite()
         };
         self.refused == 0 && self.samples.iter().all(stays)
@@ -102,7 +104,7 @@ impl Trace {
 }
 
 impl Experiment<'_> {
-    /// With an emulated device whose hand means to follow a path.
+    /// Runs the session with an emulated device whose hand intends to follow a path.
     ///
     /// # Errors
     /// If the session cannot be started.
@@ -110,7 +112,7 @@ impl Experiment<'_> {
         self.run(Box::new(Emulation::default().open(intended)?))
     }
 
-    /// With the device that moves along a path, whatever force it is sent.
+    /// Runs the session with a device that moves along a path, whatever force it is sent.
     ///
     /// # Errors
     /// If the session cannot be started.
@@ -118,12 +120,12 @@ impl Experiment<'_> {
         self.run(Box::new(ReplayDevice::new("recorded", path)))
     }
 
-    /// The path of an emulated device's handle whose hand means to follow a path.
+    /// Returns the path of the handle of an emulated device whose hand intends to follow a path.
     ///
     /// # Errors
     /// If the session cannot be started.
     pub fn record(&self, intended: MotionPath) -> Result<MotionPath, MeasureError> {
-        // A hundred a second, as recordings on file are.
+        // A hundred per second, as in recorded files.
         let kept = |sample: &&Sample| ((sample.time * 1000.0).round() as u64).is_multiple_of(10);
         let trace = self.emulate(intended)?;
         let keyframe = |sample: &Sample| Keyframe { time: sample.time, pose: sample.record.device };
@@ -162,14 +164,14 @@ impl Experiment<'_> {
             let begun = Instant::now();
             let record = haptic.step_device(device.as_mut(), now + period, period);
             step_times.push(begun.elapsed().as_secs_f64());
-            // The device's frame stands for the mesh's.
+            // The handle's pose is that which the hand intends for the mesh's frame.
             let (held, handle) = (record.object * grasp, record.handle * grasp);
             samples.push(Sample {
                 record,
                 time: record.time,
                 deviation: held.translation.distance(handle.translation),
                 turn: held.rotation_vector_to(&handle).length(),
-                // At the object it is larger by the scale.
+                // The force at the object is larger by the workspace scale.
                 coupling: record.coupling.force.length() * settings.device.workspace_scale,
                 contact: record.contact.force.length(),
                 depth: record.depth,

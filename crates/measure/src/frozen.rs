@@ -1,14 +1,15 @@
-//! A contact model whose force does not change, to compare the linear model with.
+//! A contact model with constant force, for comparison with the linear model.
 
 use palpate::dynamics::{BodyState, LinearContactModel, PlaneConstraint, SurfaceMotion};
 use palpate::glam::DMat3;
 
-/// k of the springs, N/m: so soft that no motion changes their force. A stiffer one lets the force depend on
-/// the motion.
-const SOFT: f64 = 1e-6;
+/// Stiffness of the springs, N/m. It is so small that no motion changes their force; with a stiffer spring
+/// the force would depend on the motion.
+const SPRING_STIFFNESS: f64 = 1e-6;
 
-/// The force of a contact model on a body in a state, whatever the body does afterwards: what a contact
-/// thread hands over that gives no Jacobian (§5.1.2). Friction, curvature terms and braking are left out.
+/// Returns a model with the force of a contact model on a body in a state, whatever the body does afterwards.
+/// A contact thread that provides no Jacobian (§5.1.2) hands over such a model. Friction, curvature terms and
+/// braking are left out.
 ///
 /// It consists of very soft springs, compressed so far that no motion changes their force.
 #[must_use]
@@ -24,9 +25,9 @@ pub fn frozen(model: &LinearContactModel, state: &BodyState) -> LinearContactMod
         let force = constraint.stiffness * overlap + constraint.damping * rate;
         if overlap > 0.0 && force > 0.0 {
             frozen.push_constraint(PlaneConstraint {
-                stiffness: SOFT,
+                stiffness: SPRING_STIFFNESS,
                 damping: 0.0,
-                tolerance: force / SOFT,
+                tolerance: force / SPRING_STIFFNESS,
                 scene_point,
                 surface: SurfaceMotion { object: constraint.surface.object, ..SurfaceMotion::STILL },
                 ..*constraint

@@ -1,25 +1,25 @@
-//! Whether a motion is stable, by how it goes on after it was disturbed.
+//! Judgement of stability from the motion after a disturbance.
 
-/// What became of a motion after it was disturbed.
+/// Outcome of a motion after a disturbance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Outcome {
-    /// It came to rest within the floor.
+    /// The motion came to rest within the floor.
     Quiet,
-    /// It is above the floor but dies away.
+    /// The motion is above the floor but decays.
     Decaying,
-    /// It goes on, neither growing out of bounds nor dying away: a limit cycle.
+    /// The motion neither grows without bound nor decays: a limit cycle.
     Oscillating,
-    /// It left all bounds, or a number was not finite.
+    /// The motion grew without bound, or a number was not finite.
     Diverged,
 }
 
 impl Outcome {
-    /// Whether it came to rest, or will.
+    /// Returns whether the motion is at rest or decays.
     pub fn is_stable(self) -> bool {
         self <= Self::Decaying
     }
 
-    /// It in a word.
+    /// Returns the outcome as a word.
     pub fn word(self) -> &'static str {
         match self {
             Self::Quiet => "quiet",
@@ -29,7 +29,7 @@ impl Outcome {
         }
     }
 
-    /// Its place on a heat map's scale.
+    /// Returns the position on a heat map's scale.
     pub fn shade(self) -> f64 {
         match self {
             Self::Quiet => 0.0,
@@ -39,7 +39,7 @@ impl Outcome {
         }
     }
 
-    /// What the shades mean.
+    /// Returns the legend of the shades.
     pub fn legend() -> Vec<(f64, String)> {
         [Self::Quiet, Self::Decaying, Self::Oscillating, Self::Diverged]
             .map(|outcome| (outcome.shade(), outcome.word().to_owned()))
@@ -47,18 +47,19 @@ impl Outcome {
     }
 }
 
-/// A motion that, half a second on, has kept more than this of its amplitude does not die away; nor does one that, a
-/// quarter of a second on, has kept more than [`STEADY`] of it.
-const DECAY: f64 = 0.8;
-const STEADY: f64 = 0.97;
+/// Ratio of amplitudes half a second apart below which a motion decays.
+const HALF_SECOND_RATIO: f64 = 0.8;
+/// Ratio of amplitudes a quarter of a second apart below which a motion decays.
+const QUARTER_SECOND_RATIO: f64 = 0.97;
 
-/// Judges a motion by its last second, a sequence of samples of all coordinates, and gives its amplitude in the last
-/// half of it.
+/// Judges a motion by its last second, a sequence of samples of all coordinates. Returns the outcome and the
+/// amplitude in the last half second.
 ///
-/// Of three windows of half a second, a quarter of a second apart, two amplitudes are taken: from peak to peak, and the
-/// standard deviation, each the largest over the coordinates. The motion is quiet if that from peak to peak ends at no
-/// more than `floor`, and decaying if both fall from window to window, and by a fifth from the first to the last. A limit
-/// cycle that is irregular may by chance do one of these, but hardly all.
+/// Two amplitudes are computed in three windows of half a second, a quarter of a second apart: peak to peak,
+/// and the standard deviation, each the largest over the coordinates. The motion is quiet if the last
+/// peak-to-peak amplitude is at most `floor`, and decaying if both amplitudes fall from window to window, and
+/// by a fifth from the first to the last. An irregular limit cycle may meet one of these conditions by
+/// chance, but hardly all.
 pub fn judge<const N: usize>(last_second: &[[f64; N]], floor: f64) -> (Outcome, f64) {
     let quarter = last_second.len() / 4;
     let windows = [0, 1, 2].map(|start| &last_second[start * quarter..(start + 2) * quarter]);
@@ -66,7 +67,9 @@ pub fn judge<const N: usize>(last_second: &[[f64; N]], floor: f64) -> (Outcome, 
     let finite = amplitudes.iter().flatten().all(|amplitude| amplitude.is_finite());
     let [first, middle, last] = amplitudes;
     let falls = |i: usize| {
-        last[i] < DECAY * first[i] && last[i] < STEADY * middle[i] && middle[i] < STEADY * first[i]
+        last[i] < HALF_SECOND_RATIO * first[i]
+            && last[i] < QUARTER_SECOND_RATIO * middle[i]
+            && middle[i] < QUARTER_SECOND_RATIO * first[i]
     };
     let outcome = if !finite {
         Outcome::Diverged
@@ -80,7 +83,8 @@ pub fn judge<const N: usize>(last_second: &[[f64; N]], floor: f64) -> (Outcome, 
     (outcome, last[0])
 }
 
-/// The largest range that a coordinate goes through, and the largest standard deviation; not finite if a sample is not.
+/// Returns the largest range and the largest standard deviation of a coordinate; infinite if a sample is not
+/// finite.
 fn amplitudes<const N: usize>(samples: &[[f64; N]]) -> [f64; 2] {
     let count = samples.len() as f64;
     let mut largest: [f64; 2] = [0.0; 2];

@@ -1,4 +1,4 @@
-//! How much stiffer contacts could be until a held object is not at rest any more.
+//! Stability margin: how much stiffer contacts could be before a held object no longer comes to rest.
 
 use palpate::dynamics::IntegratorKind;
 use palpate::settings::ContactSettings;
@@ -9,40 +9,43 @@ use crate::experiment::{Experiment, Trace};
 use crate::judge::judge;
 use crate::profile::{BodyPath, Profile};
 
-/// The factors on the contact stiffness that are tried are powers of two, from this one on.
-pub const WEAKEST: i32 = -6;
-/// The largest one.
-pub const STIFFEST: i32 = 8;
-/// Seconds in which the object settles, and that are judged.
-const SETTLING: f64 = 0.4;
-const JUDGED: f64 = 1.0;
+/// Exponent of the smallest factor on the contact stiffness that is tried; factors are powers of two.
+pub const MIN_EXPONENT: i32 = -6;
+/// Exponent of the largest factor that is tried.
+pub const MAX_EXPONENT: i32 = 8;
+/// Time in which the object settles, s.
+const SETTLING_TIME: f64 = 0.4;
+/// Time after that from which the motion is judged, s.
+const JUDGED_TIME: f64 = 1.0;
 
-/// Coefficient of friction with which objects are held, at least.
-const ROUGH: f64 = 0.8;
-/// Force with which the hand presses, through the coupling, N.
-const PRESS: f64 = 0.5;
+/// Smallest coefficient of friction with which objects are held. With less they may slide off.
+const MIN_FRICTION: f64 = 0.8;
+/// Force with which the hand presses through the coupling, N.
+const PRESSING_FORCE: f64 = 0.5;
 
-/// Where a hand presses a probe, of its mesh's frame, against what pushes it hardest on a path: further in than the object then
-/// was, as far as the coupling of `trace` gives way to half a newton.
+/// Returns the pose of the probe's mesh frame for a hand that presses it into the largest contact force on a
+/// path. It is deeper than the object was by the displacement at which the coupling of `trace` exerts half a
+/// newton.
 pub fn pressed(trace: &Trace, path: &BodyPath, profile: &Profile, probe: &Object) -> Pose {
     let force = |index: &usize| profile.wrenches[*index].force;
     let hardest = (0..path.states.len()).max_by(|x, y| force(x).length().total_cmp(&force(y).length()));
     let Some(index) = hardest else { return Pose::IDENTITY };
     let body = path.states[index].pose;
-    let further = -force(&index).normalize_or_zero() * (PRESS / trace.coupling_stiffness);
+    let further = -force(&index).normalize_or_zero() * (PRESSING_FORCE / trace.coupling_stiffness);
     let center = Pose::from_translation(-probe.clod.source.center_of_mass);
     Pose { translation: body.translation + further, ..body } * center
 }
 
-/// The largest power of two by which the contact stiffness of `settings` can be multiplied so that the object comes to rest when
-/// an emulated hand holds it where it touches, by friction so that it does not slide off; 0 if it does with none that is [tried](WEAKEST). Contact damping that the settings
-/// leave open stays critical.
+/// Returns the largest power of two by which the contact stiffness of `settings` can be multiplied so that an
+/// object that an emulated hand holds in contact still comes to rest. Friction keeps it from sliding off. 0
+/// if it does not come to rest with any factor that is [tried](MIN_EXPONENT). Contact damping that the
+/// settings leave open stays critical.
 ///
-/// By bisection: where stability comes and goes with stiffness, one of the limits is found. At rest is what moves by no more
-/// than two encoder steps of the device.
+/// The factor is found by bisection. If stability is not monotonic in the stiffness, one of the limits is
+/// found. An object is at rest if it moves by at most two encoder steps of the device.
 ///
-/// `held` is where the hand means the probe's mesh frame to be, and `contact_rate` how many contact queries there are a second
-/// (Hz), each taking its whole period.
+/// `held` is the pose of the probe's mesh frame that the hand intends, and `contact_rate` the rate of contact
+/// queries (Hz), each of which takes its whole period.
 ///
 /// # Errors
 /// If a setting is refused.
@@ -58,18 +61,18 @@ pub fn stability_margin(
         let settings = Settings {
             contact: ContactSettings {
                 stiffness: contact_stiffness,
-                friction: settings.contact.friction.max(ROUGH),
+                friction: settings.contact.friction.max(MIN_FRICTION),
                 ..settings.contact
             },
             ..*settings
         };
         comes_to_rest(probe, scene, (settings, integrator), held, contact_rate)
     };
-    // That is where most end.
-    if stable(STIFFEST)? {
-        return Ok(2.0_f64.powi(STIFFEST));
+    // Most objects are stable up to the largest factor, so it is tried first.
+    if stable(MAX_EXPONENT)? {
+        return Ok(2.0_f64.powi(MAX_EXPONENT));
     }
-    let (mut good, mut bad) = (WEAKEST - 1, STIFFEST);
+    let (mut good, mut bad) = (MIN_EXPONENT - 1, MAX_EXPONENT);
     while bad - good > 1 {
         let middle = (good + bad).div_euclid(2);
         if stable(middle)? {
@@ -78,10 +81,10 @@ pub fn stability_margin(
             bad = middle;
         }
     }
-    Ok(if good < WEAKEST { 0.0 } else { 2.0_f64.powi(good) })
+    Ok(if good < MIN_EXPONENT { 0.0 } else { 2.0_f64.powi(good) })
 }
 
-/// Whether an object that a hand holds in contact is at rest after a while, or will be.
+/// Returns whether an object that a hand holds in contact comes to rest.
 fn comes_to_rest(
     probe: &Object,
     scene: &Scene,
@@ -89,10 +92,10 @@ fn comes_to_rest(
     held: Pose,
     contact_rate: f64,
 ) -> Result<bool, MeasureError> {
-    let seconds = SETTLING + JUDGED;
+    let seconds = SETTLING_TIME + JUDGED_TIME;
     let experiment = Experiment { probe, scene, settings, integrator, contact_rate, frozen: false, seconds };
     let trace = experiment.emulate(held)?;
-    let judged = (JUDGED * settings.timing.rate) as usize;
+    let judged = (JUDGED_TIME * settings.timing.rate) as usize;
     if !trace.is_stable() || trace.samples.len() < judged {
         return Ok(false);
     }

@@ -1,4 +1,4 @@
-//! Contact steps along a path of the grasped object, with the time and the wrench of each.
+//! Contact steps along a path of the grasped object, with their durations and wrenches.
 
 use std::time::Instant;
 
@@ -14,14 +14,14 @@ use crate::statistics::quantile;
 /// States of the grasped object, one for each contact step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BodyPath {
-    /// About the centre of mass, world axes.
+    /// States about the centre of mass, world axes.
     pub states: Vec<BodyState>,
-    /// Time from one to the next, s.
+    /// Time between states, s.
     pub period: f64,
 }
 
 impl BodyPath {
-    /// The states that the contact queries of an experiment saw.
+    /// Returns the states at the contact queries of an experiment.
     pub fn of(trace: &Trace) -> Self {
         Self {
             states: trace.queries.iter().map(|query| query.body).collect(),
@@ -29,7 +29,7 @@ impl BodyPath {
         }
     }
 
-    /// Only so many of the states that there are no more than `rate` (Hz) a second.
+    /// Returns a part of the states, at most `rate` per second (Hz).
     #[must_use]
     pub fn thinned_to(&self, rate: f64) -> Self {
         let every = (1.0 / (rate * self.period)).ceil().max(1.0);
@@ -38,23 +38,24 @@ impl BodyPath {
     }
 }
 
-/// What contact steps along a path gave and took, a value a state.
+/// Results and durations of contact steps along a path, one value per state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
-    /// The contact wrench on the object, about its centre of mass: N, N·m.
+    /// Contact wrenches on the object, about its centre of mass, N and N·m.
     pub wrenches: Vec<Wrench>,
-    /// Deepest penetration, m; 0 when disjoint.
+    /// Deepest penetrations, m; 0 without penetration.
     pub depths: Vec<f64>,
-    /// Contacts before clustering.
+    /// Numbers of contacts before clustering.
     pub contacts: Vec<u32>,
-    /// Time of the contact step, the least of all rounds, s.
+    /// Durations of the contact steps, s: the smallest of all rounds.
     pub times: Vec<f64>,
-    /// Memory: of the objects' hierarchies, and of the workspaces of queries.
+    /// Memory of the objects' hierarchies and of the queries' workspaces, bytes.
     pub bytes: usize,
 }
 
 impl Profile {
-    /// Goes along the path `rounds` times, each time from a fresh start; wrenches are those of the first.
+    /// Makes contact steps along the path `rounds` times, each with a new contact loop. Wrenches are from the
+    /// first round.
     ///
     /// # Errors
     /// If a setting is refused.
@@ -92,22 +93,22 @@ impl Profile {
         Ok(profile)
     }
 
-    /// A quantile of the times where there is contact, s.
+    /// Returns a quantile of the durations of steps with contact, s.
     pub fn time(&self, fraction: f64) -> f64 {
         let touching: Vec<f64> = self.touching().filter_map(|index| self.times.get(index).copied()).collect();
         quantile(&touching, fraction)
     }
 
-    /// Where there is contact.
+    /// Iterates over the indices of states with contact.
     pub fn touching(&self) -> impl Iterator<Item = usize> {
         self.contacts.iter().enumerate().filter(|(_, contacts)| **contacts > 0).map(|(index, _)| index)
     }
 }
 
-/// States a second at which the depth of a trace is looked at, Hz.
+/// Rate of states at which the depth of a trace is evaluated, Hz.
 const DEPTH_RATE: f64 = 100.0;
 
-/// The deepest penetration in a trace with contacts as `exact` finds them, m.
+/// Returns the deepest penetration in a trace, with contacts found with the settings `exact`, m.
 ///
 /// # Errors
 /// If a setting is refused.
@@ -118,12 +119,12 @@ pub fn penetration(
     exact: &Settings,
 ) -> Result<f64, MeasureError> {
     let path = BodyPath::of(trace).thinned_to(DEPTH_RATE);
-    // Where the object was held back, the proxy is not where it was.
+    // Without the proxy, which would not follow the object through surfaces.
     let exact = Settings { search: SearchSettings { proxy: false, ..exact.search }, ..*exact };
     Ok(Profile::along(&path, probe, scene, &exact, 1)?.depths.into_iter().fold(0.0, f64::max))
 }
 
-/// The contact loop of a session with these settings.
+/// Creates the contact loop of a session with these settings.
 ///
 /// # Errors
 /// If a setting is refused.
@@ -134,7 +135,8 @@ pub fn contact_loop(probe: &Object, scene: &Scene, settings: &Settings) -> Resul
     Ok(renderer.into_loops().1)
 }
 
-/// Memory of hierarchies prepared for queries; of objects that share one, once each.
+/// Returns the memory of hierarchies prepared for queries, bytes. One that objects share counts for each of
+/// them.
 fn object_bytes(probe: &Object, scene: &Scene) -> usize {
     let objects = scene.objects().iter().map(|placed| &placed.object);
     std::iter::once(probe)

@@ -1,12 +1,14 @@
-//! Picks settings that keep contact steps within a time, by trying them on the objects themselves.
+//! Recommendation of settings that keep contact steps within a time, from trials on the objects themselves.
 //!
-//! An emulated hand moves the probe in the scene at full resolution, in a session in which no contact step takes longer than the
-//! haptic period, and does the same with each [`Choice`]. Contact steps are timed along the path that the probe then took; where
-//! they take longer than the haptic period, the session is repeated with as few of them as there is time for. The wrenches sent to
-//! the device are compared with those at full resolution; those of representative contacts, which push by another law, with those
-//! of the finest. So, besides, are contact wrenches at the same states of the object, but that is not what is felt: an object whose
-//! surface is a little off is held a little elsewhere, by nearly the same force. Of the choices whose 99th percentile keeps within
-//! the time, the one is picked that feels most like its reference.
+//! An emulated hand moves the probe in the scene at full resolution, in a session in which each contact step
+//! takes a haptic period, and does the same with each [`Choice`]. Contact steps are timed along the path of
+//! the probe in that session. If they take longer than the haptic period, the session is repeated at the
+//! contact rate that they permit. The wrenches sent to the device are compared with those at full resolution;
+//! for representative contacts, which have another force law, with those of the finest representative
+//! contacts. Contact wrenches at the same states of the object are compared as well, but the hand does not
+//! feel that difference: an object with a slightly different surface is held at a slightly different place by
+//! nearly the same force. Of the choices whose 99th percentile keeps within the time, the one closest to its
+//! reference is picked.
 
 use palpate::device::{IntendedPath, MotionPath, Task};
 use palpate::dynamics::IntegratorKind;
@@ -22,43 +24,45 @@ use crate::margin::{pressed, stability_margin};
 use crate::profile::{BodyPath, Profile, penetration};
 use crate::statistics::quantile;
 
-/// Thresholds s₀ that are tried, as parts of the probe's bounding radius.
-const ERRORS: [f64; 7] = [0.0, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1];
-/// Parts of the time that queries are given when they are to stop by themselves, the rest of the step taking some as well, and the
-/// threshold that they stop at in any case.
-const BUDGETS: [f64; 2] = [0.4, 0.7];
-const BUDGET_ERROR: f64 = ERRORS[1];
-/// The least that they are given, s.
-const LEAST_BUDGET: f64 = 1e-6;
-/// Sides of grids that textured contacts are looked at on, texels.
-const GRIDS: [u32; 4] = [100, 50, 25, 12];
-/// States a second of the path that contact steps are timed along, Hz, and how often each choice goes along it.
+/// Error thresholds s₀ that are tried, as parts of the probe's bounding radius.
+const ERROR_RATIOS: [f64; 7] = [0.0, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1];
+/// Query budgets of time-critical queries that are tried, as parts of the time for a contact step, whose
+/// other work also takes time.
+const BUDGET_SHARES: [f64; 2] = [0.4, 0.7];
+/// Error threshold of time-critical queries, as a part of the probe's bounding radius.
+const BUDGET_ERROR_RATIO: f64 = ERROR_RATIOS[1];
+/// Smallest query budget, s.
+const MIN_BUDGET: f64 = 1e-6;
+/// Sides of textured contacts' grids that are tried, texels.
+const GRID_SIDES: [u32; 4] = [100, 50, 25, 12];
+/// Rate of states of the path along which contact steps are timed, Hz.
 const PATH_RATE: f64 = 500.0;
-const ROUNDS: usize = 2;
+/// Number of times that each choice is timed along it.
+const TIMING_ROUNDS: usize = 2;
 
-/// What is asked for.
+/// Request for a recommendation.
 #[derive(Clone, Debug)]
 pub struct Request<'a> {
-    /// The object in the hand.
+    /// Grasped object.
     pub probe: &'a Object,
-    /// What it touches.
+    /// Scene that it touches.
     pub scene: &'a Scene,
-    /// All that is not up for choice, the haptic rate among it.
+    /// Settings that are not chosen, including the haptic rate.
     pub settings: Settings,
     /// Time that a contact step may take, s.
     pub budget: f64,
-    /// How long the hand moves the probe, s.
+    /// Duration of the hand's motion, s.
     pub seconds: f64,
-    /// What the hand does.
+    /// Motion of the hand.
     pub hand: Hand,
 }
 
-/// What a hand does with the probe.
+/// Motion of the hand that holds the probe.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Hand {
-    /// A task where the probe first touches the scene.
+    /// A task at the place where the probe first touches the scene.
     Task(Task),
-    /// It means the probe's mesh frame to be there.
+    /// Intended poses of the probe's mesh frame.
     Path(MotionPath),
 }
 
@@ -71,75 +75,76 @@ impl Hand {
     }
 }
 
-/// A session that others are compared with.
+/// Session with which others are compared.
 struct Reference {
     trace: Trace,
-    /// The states that its contact queries saw, at most [`PATH_RATE`] a second.
+    /// States at its contact queries, at most [`PATH_RATE`] per second.
     path: BodyPath,
-    /// Contact steps along it.
+    /// Contact steps along that path.
     profile: Profile,
 }
 
-/// What is up for choice.
+/// Settings that are chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Choice {
-    /// How contacts are found.
+    /// Method of contact search.
     pub search: ContactSearch,
-    /// s₀, m.
+    /// Error threshold s₀, m.
     pub error: f64,
-    /// Whether forces go over smoothly between levels of detail.
+    /// Whether forces are interpolated between levels of detail.
     pub interpolation: bool,
-    /// Time that a contact query may take, s.
+    /// Time limit of a contact query, s.
     pub query_budget: Option<f64>,
-    /// Texels along a side of a textured contact's grid, where an object is textured.
+    /// Number of texels along a side of a textured contact's grid; `None` if no object is textured.
     pub grid: Option<u32>,
 }
 
-/// Full resolution.
+/// Choice of full resolution.
 const FULL: Choice =
     Choice { search: ContactSearch::Levels, error: 0.0, interpolation: true, query_budget: None, grid: None };
 
-/// What a choice costs and buys.
+/// Cost and accuracy of a choice.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Measured {
     /// The choice.
     pub choice: Choice,
     /// Median time of a contact step in contact, s.
     pub median: f64,
-    /// 99th percentile of the same, s.
+    /// 99th percentile of that time, s.
     pub p99: f64,
-    /// Hierarchies and workspaces.
+    /// Memory of hierarchies and workspaces, bytes.
     pub bytes: usize,
-    /// Of the contact wrench from that at full resolution, or of the finest representative contacts, at the same states of the object.
+    /// Difference of the contact wrench from that of the reference at the same states of the object. The
+    /// reference is full resolution, or the finest representative contacts.
     pub rendered: Difference,
-    /// Of the wrench at the device from that of a session at full resolution, or with the finest representative contacts, with the
-    /// same hand.
+    /// Difference of the wrench at the device from that of the reference session with the same hand.
     pub felt: Difference,
     /// Deepest penetration in the session, at full resolution, m.
     pub penetration: f64,
-    /// Contact steps a second in the session, Hz: as many as the 99th percentile allows, at most the haptic rate.
+    /// Contact rate of the session, Hz: as high as the 99th percentile allows, at most the haptic rate.
     pub contact_rate: f64,
-    /// Whether the 99th percentile keeps within the time.
+    /// Whether the 99th percentile is within the time.
     pub fits: bool,
 }
 
-/// What is recommended, and what it rests on.
+/// A recommendation with the measurements behind it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Recommendation {
-    /// The choice of those that fit that feels most like full resolution; if none fits, the fastest.
+    /// Recommended choice: of those that fit, the one whose felt error is smallest; if none fits, the
+    /// fastest.
     pub chosen: Measured,
-    /// All that were tried.
+    /// All choices that were tried.
     pub tried: Vec<Measured>,
-    /// 99.9th percentile of the haptic step with reading and writing the emulated device, s.
+    /// 99.9th percentile of the haptic step, including reading and writing the emulated device, s.
     pub haptic_step: f64,
-    /// Whether that keeps within the haptic period.
+    /// Whether that is within the haptic period.
     pub haptic_fits: bool,
-    /// By which power of two contacts could be stiffer ([`stability_margin`]).
+    /// Factor by which contacts could be stiffer ([`stability_margin`]).
     pub stability_margin: f64,
 }
 
 impl Choice {
-    /// The settings with this choice.
+    /// Returns settings with this choice.
     pub fn applied_to(&self, settings: &Settings) -> Settings {
         let mut chosen = Settings {
             search: SearchSettings { method: self.search, ..settings.search },
@@ -156,40 +161,41 @@ impl Choice {
 }
 
 impl Measured {
-    /// How far the wrench at the device is off, as a part of its reference's root mean square: the largest of the mean differences
-    /// of force and of torque, and of the vibration that there is more of.
+    /// Returns the relative error of the wrench at the device: the largest of the mean differences and
+    /// additional vibrations of force and torque, as parts of the reference's root mean square.
     pub fn felt_error(&self) -> f64 {
         let Difference { force, torque } = self.felt;
         force.relative().max(torque.relative())
     }
 }
 
-/// What can be chosen between for objects: thresholds s₀ with and without interpolation, and queries that stop in time, where an
-/// object has levels of detail; grids where one is textured, and representative contacts where none is and all are closed.
+/// Returns the choices for objects. If an object has levels of detail: thresholds s₀ with and without
+/// interpolation, and time-critical queries. If one is textured: grids. If none is, and all are closed:
+/// representative contacts.
 pub fn choices(probe: &Object, scene: &Scene, budget: f64) -> Vec<Choice> {
     let objects = || std::iter::once(probe).chain(scene.objects().iter().map(|placed| &placed.object));
     let full = FULL;
     let mut choices = Vec::new();
     if objects().any(|object| object.clod.levels.len() > 1) {
         let radius = probe.bounding_radius();
-        for error in ERRORS {
+        for error in ERROR_RATIOS {
             let smooth = Choice { error: error * radius, ..full };
             choices.push(smooth);
             if error > 0.0 {
                 choices.push(Choice { interpolation: false, ..smooth });
             }
         }
-        let error = BUDGET_ERROR * radius;
+        let error = BUDGET_ERROR_RATIO * radius;
         let within =
-            |part: f64| Choice { error, query_budget: Some((part * budget).max(LEAST_BUDGET)), ..full };
-        choices.extend(BUDGETS.map(within));
+            |share: f64| Choice { error, query_budget: Some((share * budget).max(MIN_BUDGET)), ..full };
+        choices.extend(BUDGET_SHARES.map(within));
     } else {
         choices.push(full);
     }
     if objects().any(|object| object.texture().is_some()) {
         choices = choices
             .into_iter()
-            .flat_map(|choice| GRIDS.map(|grid| Choice { grid: Some(grid), ..choice }))
+            .flat_map(|choice| GRID_SIDES.map(|grid| Choice { grid: Some(grid), ..choice }))
             .collect();
     } else if objects().all(|object| object.clod.source.solid) {
         choices.push(Choice { search: ContactSearch::Representatives, ..full });
@@ -197,7 +203,7 @@ pub fn choices(probe: &Object, scene: &Scene, budget: f64) -> Vec<Choice> {
     choices
 }
 
-/// Tries the [`choices`] and picks one; `progress` is told how much is done, from 0 to 1.
+/// Tries the [`choices`] and picks one; `progress` gets the share that is done, from 0 to 1.
 ///
 /// # Errors
 /// If a setting is refused, or the probe does not touch the scene on the hand's path.
@@ -227,6 +233,7 @@ pub fn recommend(
         let scene = scene.objects().first().map_or_else(String::new, |placed| placed.object.name.clone());
         return Err(MeasureError::NoContact { probe: probe.name.clone(), scene });
     }
+    // Representative contacts are compared with the finest ones, not with contact levels of detail.
     let represented = choices.iter().find(|choice| choice.search == ContactSearch::Representatives);
     let finest = represented.map(|choice| Settings {
         search: SearchSettings {
@@ -242,11 +249,14 @@ pub fn recommend(
     for choice in choices {
         let chosen = choice.applied_to(settings);
         let trace = render(chosen, settings.timing.rate)?;
+        // Time contact steps along the choice's own path; if they are too slow, repeat at the rate that they
+        // permit.
         let own = BodyPath::of(&trace).thinned_to(PATH_RATE);
-        let timed = Profile::along(&own, probe, scene, &chosen, ROUNDS)?;
+        let timed = Profile::along(&own, probe, scene, &chosen, TIMING_ROUNDS)?;
         let p99 = timed.time(0.99);
         let contact_rate = (1.0 / p99).min(settings.timing.rate);
         let trace = if contact_rate < settings.timing.rate { render(chosen, contact_rate)? } else { trace };
+        // Compare with the reference at the same states, and what the hand feels over the session.
         let finest = by_fields.as_ref().filter(|_| choice.search == ContactSearch::Representatives);
         let Reference { trace: exact_trace, path, profile: exact } = finest.unwrap_or(&by_levels);
         let same = Profile::along(path, probe, scene, &chosen, 1)?;
@@ -280,8 +290,8 @@ pub fn recommend(
     })
 }
 
-/// Of those that fit the one that feels most like full resolution, of two that feel alike the first, which leaves out less; the
-/// fastest where none fits.
+/// Picks, of the choices that fit, the one with the smallest felt error; of equal ones the first, which
+/// leaves out less. If none fits, the fastest.
 fn pick(tried: &[Measured]) -> Measured {
     let mut fitting = tried.iter().filter(|measured| measured.fits).peekable();
     let best = if fitting.peek().is_some() {
@@ -289,7 +299,7 @@ fn pick(tried: &[Measured]) -> Measured {
     } else {
         tried.iter().min_by(|x, y| x.p99.total_cmp(&y.p99))
     };
-    // There is one: a choice at least is always tried.
+    // At least one choice is always tried.
     #[expect(clippy::expect_used, reason = "choices are never none")]
     *best.expect("a choice was tried")
 }
@@ -312,7 +322,7 @@ mod tests {
         let request = Request {
             probe: &probe,
             scene: &scene,
-            // Steps that are preempted now and then, by other tests, keep within such a period all the same.
+            // The period is so long that steps stay within it even if other tests preempt them.
             settings: Settings {
                 timing: TimingSettings { rate: 200.0, ..TimingSettings::default() },
                 ..Settings::default()
@@ -331,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn with_time_enough_full_resolution_is_recommended() {
+    fn full_resolution_is_recommended_if_there_is_time() {
         let found = recommended(0.1);
         assert_eq!(found.chosen.felt_error(), 0.0, "{:?}", found.chosen);
         assert_eq!(found.chosen.choice.error, 0.0, "{:?}", found.chosen);
@@ -340,12 +350,12 @@ mod tests {
         let by_fields = |measured: &&Measured| measured.choice.search == ContactSearch::Representatives;
         let represented = found.tried.iter().find(by_fields).expect("both are closed");
         assert!(represented.felt.force.correlation > 0.9, "{represented:?}");
-        // Not everything is as good.
+        // Other choices are worse.
         assert!(found.tried.iter().any(|measured| measured.felt_error() > 0.0), "{:?}", found.tried);
     }
 
     #[test]
-    fn where_nothing_fits_the_fastest_is_told_with_that() {
+    fn fastest_choice_is_recommended_if_none_fits() {
         let found = recommended(1e-9);
         assert!(!found.chosen.fits && found.tried.iter().all(|measured| !measured.fits));
         let fastest = found.tried.iter().map(|measured| measured.p99).fold(f64::INFINITY, f64::min);
@@ -353,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn of_those_that_fit_the_nearest_is_picked() {
+    fn most_accurate_choice_that_fits_is_picked() {
         let measured = |p99: f64, mean: f64, fits: bool| {
             let force = crate::Deviation { exact_rms: 1.0, mean, ..crate::Deviation::default() };
             let felt = Difference { force, ..Difference::default() };
@@ -380,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hull_on_a_hull_leaves_no_choice() {
+    fn objects_without_levels_leave_no_choice() {
         let probe = Object::model("ellipsoid@100").expect("a model");
         let scene = Scene::new().with(probe.clone(), Pose::IDENTITY);
         let levels = probe.clod.levels.len();

@@ -1,13 +1,14 @@
 //! Means, quantiles and correlations.
 
-/// The mean; 0 of none.
+/// Returns the mean; 0 for no values.
 pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     let (sum, count) =
         values.into_iter().fold((0.0, 0_usize), |(sum, count), value| (sum + value, count + 1));
     if count == 0 { 0.0 } else { sum / count as f64 }
 }
 
-/// The quantile, 0.5 being the median, by the nearest rank; 0 of none. Values that are not finite are the largest.
+/// Returns a quantile by the nearest rank (0.5 is the median); 0 for no values. NaN counts as the largest
+/// value.
 pub fn quantile(values: &[f64], fraction: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -1,24 +1,26 @@
-//! Which processors a thread runs on.
+//! CPU affinity: the processors that a thread may run on.
 
 use crate::{Outcome, Role};
 
-/// Fewer processors are not divided: each thread is then better off with whichever is free.
-const FEWEST: usize = 4;
-/// How many of them device and haptic thread share.
-const RESERVED: usize = 2;
+/// Smallest number of allowed processors that are divided among roles. With fewer, each thread is better off
+/// on whichever is free.
+const MIN_PROCESSORS: usize = 4;
+/// Number of processors that the device and haptic threads share.
+const RESERVED_PROCESSORS: usize = 2;
 
-/// The part of the allowed processors for a role; none where there are too few to divide.
+/// Returns the part of the allowed processors for a role; `None` if there are too few to divide.
 fn part_of(allowed: &[usize], role: Role) -> Option<&[usize]> {
-    let split = allowed.len().checked_sub(RESERVED).filter(|_| allowed.len() >= FEWEST)?;
+    let split = allowed.len().checked_sub(RESERVED_PROCESSORS).filter(|_| allowed.len() >= MIN_PROCESSORS)?;
     let (others, reserved) = allowed.split_at(split);
     Some(if role == Role::Contact { others } else { reserved })
 }
 
-/// Asks for a role's processors for the calling thread, `realtime` if it has its real-time priority.
+/// Requests a role's processors for the calling thread; `realtime` says whether it has its real-time
+/// priority.
 pub fn ask(role: Role, realtime: bool) -> Outcome {
     if role != Role::Contact && !realtime {
-        // Other programs run on them too, and would not make way.
-        return Outcome::not_asked("all that are allowed: two are of use only with real-time scheduling");
+        // Without real-time priority the thread could not preempt other programs on these two processors.
+        return Outcome::not_asked("all that are allowed: reserved processors need real-time scheduling");
     }
     let allowed = match system::allowed() {
         Ok(allowed) => allowed,
@@ -26,7 +28,7 @@ pub fn ask(role: Role, realtime: bool) -> Outcome {
     };
     let Some(part) = part_of(&allowed, role) else {
         return Outcome::not_asked(format!(
-            "all {} that are allowed: fewer than {FEWEST} are not divided",
+            "all {} that are allowed: fewer than {MIN_PROCESSORS} are not divided",
             allowed.len()
         ));
     };
@@ -43,12 +45,13 @@ mod system {
     use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
     use nix::unistd::Pid;
 
-    /// Processors that the calling thread may run on, in order.
+    /// Returns the processors that the calling thread may run on, in ascending order.
     pub fn allowed() -> Result<Vec<usize>, String> {
         let set = sched_getaffinity(Pid::from_raw(0)).map_err(|why| why.desc().to_owned())?;
         Ok((0..CpuSet::count()).filter(|&processor| set.is_set(processor) == Ok(true)).collect())
     }
 
+    /// Restricts the calling thread to some processors.
     pub fn keep_to(processors: &[usize]) -> Result<(), String> {
         let mut set = CpuSet::new();
         for &processor in processors {
@@ -90,7 +93,7 @@ mod tests {
 
     #[test]
     #[cfg(target_os = "linux")]
-    fn a_thread_keeps_to_its_processors() {
+    fn thread_stays_on_its_processors() {
         let thread = std::thread::spawn(|| {
             let last = system::allowed()?.pop().ok_or("none is allowed")?;
             system::keep_to(&[last])?;

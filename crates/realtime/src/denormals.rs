@@ -1,27 +1,28 @@
-//! Denormal numbers, taken as zero.
+//! Flushing of denormal numbers to zero.
 
 use crate::Outcome;
 
-/// Lets the calling thread, and those that it starts, take denormal numbers as zero.
+/// Makes the calling thread, and those that it starts, treat denormal numbers as zero.
 pub fn flush() -> Outcome {
     if set() {
-        Outcome::granted("taken as zero")
+        Outcome::granted("flushed to zero")
     } else {
-        Outcome::not_asked("as they are: this processor is not known")
+        Outcome::not_asked("kept: not supported on this processor")
     }
 }
 
-/// MXCSR: results are flushed to zero (bit 15), and operands taken as zero (bit 6).
+/// Sets the bits of MXCSR that flush results to zero (FTZ, bit 15) and treat operands as zero (DAZ, bit 6).
 #[cfg(target_arch = "x86_64")]
 fn set() -> bool {
     use std::arch::asm;
 
     const FLUSH: u32 = 1 << 15 | 1 << 6;
     let mut control = 0_u32;
-    // SAFETY: stores the register in a variable of its size, and loads it with two more bits, which every x86-64 processor has.
-    // Rounding and masked exceptions stay as they are. Rust and LLVM compute what is constant as if denormal numbers were kept,
-    // and promise nothing for a thread in which they are not: such a number may be one or zero. No code of this thread depends
-    // on which; none is of use as a force, a length or a time.
+    // SAFETY: stores the register in a variable of its size, and loads it with two more bits, which every
+    // x86-64 processor has. Rounding and masked exceptions are unchanged. Rust and LLVM evaluate constants as
+    // if denormal numbers were kept, and guarantee nothing for a thread that flushes them: a denormal number
+    // may keep its value or be zero. No code of this thread depends on which: forces, lengths and times are
+    // never that small.
     unsafe {
         asm!("stmxcsr [{}]", in(reg) &raw mut control, options(nostack, preserves_flags));
         control |= FLUSH;
@@ -30,13 +31,14 @@ fn set() -> bool {
     true
 }
 
-/// FPCR: results and operands are flushed to zero (bit 24).
+/// Sets the bit of FPCR that flushes results and operands to zero (FZ, bit 24).
 #[cfg(target_arch = "aarch64")]
 fn set() -> bool {
     use std::arch::asm;
 
     const FLUSH: u64 = 1 << 24;
-    // SAFETY: reads the register and writes it with one more bit, which every AArch64 processor has. As above for the rest.
+    // SAFETY: reads the register and writes it with one more bit, which every AArch64 processor has. The rest
+    // is as for x86-64.
     unsafe {
         let mut control: u64;
         asm!("mrs {}, fpcr", out(reg) control, options(nomem, nostack, preserves_flags));
@@ -57,7 +59,7 @@ mod tests {
 
     use super::*;
 
-    /// Half of the smallest normal number, computed where the compiler neither knows it nor moves it.
+    /// Returns half of the smallest normal number, computed at run time.
     fn half_of_smallest() -> f64 {
         black_box(black_box(f64::MIN_POSITIVE) * black_box(0.5))
     }

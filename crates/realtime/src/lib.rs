@@ -1,34 +1,35 @@
-//! What a thread asks of the operating system to be on time.
+//! Real-time setup of threads: scheduling, processors, timers, stack and memory.
 //!
-//! A session has three kinds of threads that time matters to ([`Role`]). Each asks once, before its loop, with [`set_up`]; the
-//! process asks once for its memory, with [`lock_memory`]. Nothing of it is needed to render: what is refused is reported as an
-//! [`Outcome`], with the remedy, and the thread goes on without it. All of it is asked for on Linux alone, but for the stack
-//! and denormal numbers.
+//! A session has three kinds of threads with deadlines ([`Role`]). Each makes its requests to the operating
+//! system once, before its loop, with [`set_up`]; the process locks its memory once, with [`lock_memory`].
+//! None of this is required to render: a refusal is reported as an [`Outcome`] with a remedy, and the thread
+//! continues without it. Apart from the stack and denormal numbers, requests are made on Linux only.
 //!
 //! | | device | haptic | contact |
 //! |---|---|---|---|
 //! | scheduling | SCHED_FIFO 85 | SCHED_FIFO 80 | normal |
-//! | processors, where four or more are allowed | the last two | the last two | the others |
+//! | processors, if four or more are allowed | the last two | the last two | the others |
 //! | timer slack | 1 ns | 1 ns | 1 ns |
 //! | first bytes of the stack touched | yes | yes | yes |
 //! | denormal numbers flushed | yes | yes | no |
 //!
-//! **Device above haptic.** The device's thread carries what the haptic thread computed to the device, and its watchdog takes
-//! back what is not renewed. It runs for a small part of a period: the haptic thread can spare that, where the device cannot
-//! spare the haptic thread's step.
+//! **Device above haptic.** The device's thread sends the haptic thread's wrench to the device, and its
+//! watchdog withdraws a wrench that is not renewed. It runs for a small part of a period, which the haptic
+//! thread can spare. The device cannot wait for a whole haptic step.
 //!
-//! **Contact at normal priority.** A contact thread looks for contacts without end. Under SCHED_FIFO it would take a processor
-//! from every program with normal priority, and two of them (a tool of two bodies) a whole machine of two; Linux would then
-//! stop them, and the haptic thread with them, for 50 ms a second. Nor SCHED_BATCH: it would wait for other programs' time
-//! slices when a new state of the body comes, and models would be older. A contact thread that inherits SCHED_FIFO from the
-//! thread that started it gives it back.
+//! **Contact at normal priority.** A contact thread runs without a pause. Under SCHED_FIFO it would take a
+//! processor from every program with normal priority, and two contact threads (a tool of two bodies) all of a
+//! machine with two. Linux would then throttle them, and the haptic thread with them, for 50 ms every second.
+//! SCHED_BATCH is not suitable either: on a new state of the body the thread would wait for other programs'
+//! time slices, and contact models would be older. A contact thread that inherits SCHED_FIFO from its parent
+//! returns to normal scheduling.
 //!
-//! **The last two processors.** Interrupts are served by the first ones as a rule. Device and haptic thread share two, so that
-//! neither waits for a processor of its own while another is free.
+//! **The last two processors.** Interrupts usually go to the first ones. The device and haptic threads share
+//! two, so that neither waits for its own processor while the other one is free.
 //!
-//! **Denormal numbers.** A filter that decays towards zero comes to numbers below 2.2e-308, which many processors compute with
-//! much slower; device and haptic thread have such filters and take such numbers as zero. A contact query has none,
-//! and the threads that it divides its work among, which others may use, would inherit the mode.
+//! **Denormal numbers.** A filter that decays towards zero reaches numbers below 2.2e-308, with which many
+//! processors compute much slower. The device and haptic threads have such filters and treat such numbers as
+//! zero. Contact queries have none, and their worker threads, which may be shared, would inherit the mode.
 
 mod affinity;
 #[expect(unsafe_code, reason = "the floating-point control register has no other access")]
@@ -43,7 +44,7 @@ pub use memory::{lock_memory, locked_bytes};
 pub use outcome::{Outcome, State};
 pub use scheduling::{priority_limit, realtime_priority};
 
-/// What a thread does in a session.
+/// Role of a thread in a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
@@ -56,7 +57,7 @@ pub enum Role {
 }
 
 impl Role {
-    /// The SCHED_FIFO priority that a thread of this role asks for; none where it is scheduled as usual.
+    /// Returns the SCHED_FIFO priority that a thread of this role requests; `None` for normal scheduling.
     pub const fn priority(self) -> Option<u8> {
         match self {
             Self::Device => Some(85),
@@ -66,25 +67,25 @@ impl Role {
     }
 }
 
-/// What a thread asked for, and what came of it.
+/// Requests of a thread and their outcomes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ThreadSetup {
-    /// What the thread does.
+    /// Role of the thread.
     pub role: Role,
-    /// Its scheduling class and priority.
+    /// Scheduling class and priority.
     pub scheduling: Outcome,
-    /// The processors that it runs on.
+    /// Processors that the thread may run on.
     pub processors: Outcome,
-    /// How late a timer may wake it for the sake of others.
+    /// Timer slack: by how much the system may delay a wake-up to combine it with others.
     pub timer_slack: Outcome,
-    /// Its stack, touched before it is needed.
+    /// Stack, touched before it is used.
     pub stack: Outcome,
-    /// Denormal numbers, taken as zero.
+    /// Flushing of denormal numbers to zero.
     pub denormals: Outcome,
 }
 
 impl ThreadSetup {
-    /// What was asked for, with the name of each.
+    /// Returns all outcomes with their names.
     pub fn outcomes(&self) -> [(&'static str, &Outcome); 5] {
         [
             ("scheduling", &self.scheduling),
@@ -95,7 +96,7 @@ impl ThreadSetup {
         ]
     }
 
-    /// How the thread is scheduled, in a line: the class and the priority, or `normal` and why no better.
+    /// Describes the thread's scheduling in a line: class and priority, or `normal` and the reason.
     pub fn scheduling_line(&self) -> String {
         match self.scheduling.state {
             State::Granted => self.scheduling.to_string(),
@@ -104,10 +105,10 @@ impl ThreadSetup {
     }
 }
 
-/// Sets up the calling thread for its role, for as long as it lives: call it once, before the loop. It makes system calls and
-/// allocates, and needs 256 KiB of stack; it never fails.
+/// Sets up the calling thread for its role. Call it once, before the loop. It makes system calls, allocates,
+/// and needs 256 KiB of stack; it never fails.
 pub fn set_up(role: Role) -> ThreadSetup {
-    // The slack first: Linux takes no other for a thread under SCHED_FIFO.
+    // The slack comes first: Linux ignores it for a thread under SCHED_FIFO.
     let timer_slack = scheduling::ask_for_exact_timers();
     let scheduling = scheduling::ask(role);
     let realtime = scheduling.state == State::Granted;
@@ -117,7 +118,7 @@ pub fn set_up(role: Role) -> ThreadSetup {
         timer_slack,
         stack: memory::touch_stack(),
         denormals: if role == Role::Contact {
-            Outcome::not_asked("kept: the threads that it divides its work among would inherit the mode")
+            Outcome::not_asked("kept: its worker threads would inherit the mode")
         } else {
             denormals::flush()
         },

@@ -1,17 +1,17 @@
-//! Memory that is there before it is needed.
+//! Memory that is present before it is used: a touched stack and locked pages.
 
 use crate::Outcome;
 
 pub use system::{lock_memory, locked_bytes};
 
-/// How much of a thread's stack is touched, bytes: several times what a step uses.
-const STACK: usize = 128 * 1024;
+/// Size of the touched part of a thread's stack, bytes: several times the use of a step.
+const STACK_BYTES: usize = 128 * 1024;
 
-/// Touches the next [`STACK`] bytes of the calling thread's stack.
+/// Touches the next [`STACK_BYTES`] bytes of the calling thread's stack.
 #[inline(never)]
 pub fn touch_stack() -> Outcome {
-    std::hint::black_box(&mut [0_u8; STACK]);
-    Outcome::granted(format!("{} KiB touched", STACK / 1024))
+    std::hint::black_box(&mut [0_u8; STACK_BYTES]);
+    Outcome::granted(format!("{} KiB touched", STACK_BYTES / 1024))
 }
 
 #[cfg(target_os = "linux")]
@@ -24,48 +24,50 @@ mod system {
 
     /// Bit of CAP_IPC_LOCK in a set of capabilities.
     const CAP_IPC_LOCK: u32 = 14;
+    /// Advice for a user whose memory is not locked.
     const REMEDY: &str =
         "allow it with the limit `memlock unlimited` in /etc/security/limits.conf, or CAP_IPC_LOCK";
 
-    /// Locks the process's memory for as long as it lives: what is mapped now is brought in and stays, what is mapped later
-    /// stays from its first touch on. It may take some hundred milliseconds the first time. Call it where all that the threads
-    /// need is allocated, and before they start.
+    /// Locks the process's memory until it ends: mapped pages are loaded and stay in memory, and pages mapped
+    /// later stay from their first touch on. The first call may take some hundred milliseconds. Call it after
+    /// all memory of the threads is allocated, and before they start.
     ///
-    /// Asked for only where there is no limit on locked memory: under one, a process whose memory is locked cannot have more
-    /// than that, and ends where it needs it.
+    /// The request is made only if locked memory is unlimited. Under a limit, a process with locked memory
+    /// that needs more than the limit fails to allocate and ends.
     pub fn lock_memory() -> Outcome {
         let limit = getrlimit(Resource::RLIMIT_MEMLOCK).map_or(0, |(soft, _)| soft);
         if limit != RLIM_INFINITY && !may_lock() {
             let kib = limit / 1024;
             return refused(format!("not locked: the limit is {kib} KiB"));
         }
-        // Two calls, since the first alone fills memory: what is reserved later may be much more than is ever used.
+        // Two calls, so that only present mappings are filled: later reservations may be much larger than
+        // their use.
         let later = MlockAllFlags::MCL_FUTURE | MlockAllFlags::from_bits_retain(MCL_ONFAULT);
         match mlockall(MlockAllFlags::MCL_CURRENT).and_then(|()| mlockall(later)) {
-            Ok(()) => {
-                Outcome::granted("locked: what is mapped now, and what will be from its first touch on")
-            }
+            Ok(()) => Outcome::granted("locked: mapped pages now, and later ones from their first touch on"),
             Err(why) => refused(format!("not locked ({})", why.desc())),
         }
     }
 
+    /// Returns a refusal with the remedy.
     fn refused(detail: String) -> Outcome {
         Outcome { remedy: Some(REMEDY.to_owned()), ..Outcome::refused(detail) }
     }
 
+    /// Returns whether the process has CAP_IPC_LOCK.
     fn may_lock() -> bool {
         status("CapEff:")
             .and_then(|text| u64::from_str_radix(&text, 16).ok())
             .is_some_and(|capabilities| capabilities >> CAP_IPC_LOCK & 1 == 1)
     }
 
-    /// Memory of this process that is locked, bytes; none where the system does not report it.
+    /// Returns the size of this process's locked memory, bytes; `None` if the system does not report it.
     pub fn locked_bytes() -> Option<u64> {
         let text = status("VmLck:")?;
         text.strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| 1024 * kib)
     }
 
-    /// What `/proc/thread-self/status` has under a name.
+    /// Returns the entry of `/proc/thread-self/status` with a name.
     fn status(name: &str) -> Option<String> {
         let text = std::fs::read_to_string("/proc/thread-self/status").ok()?;
         text.lines().find_map(|line| line.strip_prefix(name)).map(|rest| rest.trim().to_owned())
@@ -76,12 +78,12 @@ mod system {
 mod system {
     use crate::Outcome;
 
-    /// Locks the process's memory: not on this system.
+    /// Locks the process's memory; not supported on this system.
     pub fn lock_memory() -> Outcome {
         Outcome::not_asked("memory is locked on Linux only")
     }
 
-    /// Memory of this process that is locked: not known on this system.
+    /// Returns the size of this process's locked memory; not known on this system.
     pub fn locked_bytes() -> Option<u64> {
         None
     }
@@ -93,22 +95,22 @@ mod tests {
 
     use super::*;
 
-    /// Pages that the calling thread has touched first.
+    /// Returns the number of page faults of the calling thread.
     fn faults() -> i64 {
         getrusage(UsageWho::RUSAGE_THREAD).expect("Linux counts them").minor_page_faults()
     }
 
     #[inline(never)]
-    fn use_stack(bytes: &mut [u8; STACK / 2]) -> u8 {
+    fn use_stack(bytes: &mut [u8; STACK_BYTES / 2]) -> u8 {
         bytes.iter_mut().for_each(|byte| *byte = byte.wrapping_add(1));
         std::hint::black_box(bytes)[7]
     }
 
     #[test]
-    fn a_stack_that_was_touched_is_there() {
+    fn touched_stack_causes_no_page_faults() {
         let deep = || {
             let before = faults();
-            use_stack(std::hint::black_box(&mut [0; STACK / 2]));
+            use_stack(std::hint::black_box(&mut [0; STACK_BYTES / 2]));
             faults() - before
         };
         let untouched = std::thread::spawn(deep).join().expect("no panic");
@@ -127,7 +129,7 @@ mod tests {
         let locked = locked_bytes().expect("Linux reports it");
         if outcome.is_granted() {
             assert!(locked > 0, "{outcome}");
-            // What is mapped later is locked, too; threads of other tests that end give some of theirs back.
+            // Memory mapped later is locked as well; threads of other tests that end release some of theirs.
             let later = vec![1_u8; 64 << 20];
             assert!(locked_bytes().is_some_and(|now| now >= locked + later.len() as u64 / 2));
         } else {

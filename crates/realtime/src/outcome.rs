@@ -1,29 +1,29 @@
-//! What came of a request.
+//! Outcomes of requests to the operating system.
 
 use std::fmt;
 
 use serde::Serialize;
 
-/// Whether a request was granted.
+/// State of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
-    /// Yes, if perhaps not in full.
+    /// The request was granted, perhaps not in full.
     Granted,
-    /// No: a privilege is absent.
+    /// The request was refused: a privilege is missing.
     Refused,
-    /// It was not made: there is no use for it here, or no such thing on this system.
+    /// The request was not made: it is of no use here, or not supported on this system.
     NotAsked,
 }
 
-/// What came of a request to the operating system.
+/// Outcome of a request to the operating system.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Outcome {
-    /// Whether it was granted.
+    /// State of the request.
     pub state: State,
-    /// What was obtained, or why not, for a person to read.
+    /// Human-readable result, or the reason for a refusal.
     pub detail: String,
-    /// What would let it be granted in full; none where nothing needs doing.
+    /// Advice by which the request would be granted in full; `None` if there is nothing to do.
     pub remedy: Option<String>,
 }
 
@@ -40,13 +40,13 @@ impl Outcome {
         Self { state: State::NotAsked, detail: detail.into(), remedy: None }
     }
 
-    /// Whether it was granted.
+    /// Returns whether the request was granted.
     pub fn is_granted(&self) -> bool {
         self.state == State::Granted
     }
 }
 
-/// What was obtained, or why not, and what to do about it.
+/// Writes the detail, and the remedy if there is one.
 impl fmt::Display for Outcome {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.detail)?;

@@ -1,13 +1,14 @@
-//! Scheduling classes and priorities, and how exactly timers wake a thread.
+//! Scheduling classes, priorities and timer slack.
 
 pub use system::{priority_limit, realtime_priority};
 
 use crate::{Outcome, Role};
 
+/// Detail of requests on other systems.
 #[cfg(not(target_os = "linux"))]
 const ELSEWHERE: &str = "SCHED_FIFO is asked for on Linux only";
 
-/// Asks for the scheduling of a role for the calling thread.
+/// Requests the scheduling of a role for the calling thread.
 pub fn ask(role: Role) -> Outcome {
     match role.priority() {
         Some(priority) => system::ask_for_fifo(priority),
@@ -15,7 +16,7 @@ pub fn ask(role: Role) -> Outcome {
     }
 }
 
-/// Asks that timers wake the calling thread when they are due.
+/// Requests the smallest timer slack for the calling thread.
 pub fn ask_for_exact_timers() -> Outcome {
     system::ask_for_exact_timers()
 }
@@ -34,11 +35,11 @@ mod system {
 
     use crate::{Outcome, Role};
 
-    /// The shortest slack that Linux takes, ns: 0 would stand for the usual 50,000.
-    const SLACK: u64 = 1;
+    /// Smallest timer slack that Linux accepts, ns: 0 would mean the default of 50,000.
+    const MIN_SLACK: u64 = 1;
     const FIFO: ThreadSchedulePolicy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
-    /// What `thread_priority` makes a niceness of 0 of.
-    const USUAL: u8 = 48;
+    /// Value of `thread_priority` for a niceness of 0.
+    const NORMAL_PRIORITY: u8 = 48;
     const NORMAL: ThreadSchedulePolicy = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
 
     pub fn ask_for_fifo(priority: u8) -> Outcome {
@@ -46,10 +47,10 @@ mod system {
             return Outcome::granted(format!("SCHED_FIFO, priority {priority}"));
         };
         let limit = priority_limit().unwrap_or(0);
-        // Less is better than nothing.
+        // A lower priority is better than normal scheduling.
         let lower = u8::try_from(limit).ok().filter(|&lower| lower > 0 && lower < priority);
         if let Some(lower) = lower.filter(|&lower| set(FIFO, lower).is_ok()) {
-            let detail = format!("SCHED_FIFO, priority {lower} in place of {priority}");
+            let detail = format!("SCHED_FIFO, priority {lower} instead of {priority}");
             return Outcome { remedy: Some(remedy(limit)), ..Outcome::granted(detail) };
         }
         let refused = Outcome::refused(format!("SCHED_FIFO was refused ({why})"));
@@ -57,7 +58,7 @@ mod system {
     }
 
     fn remedy(limit: u64) -> String {
-        // What serves all threads.
+        // The highest priority of all roles.
         let needed = Role::Device.priority().unwrap_or_default();
         if limit >= u64::from(needed) {
             "the limit on real-time priority would allow it: look for a container or control group that forbids real-time threads"
@@ -71,14 +72,15 @@ mod system {
 
     pub fn ask_for_normal() -> Outcome {
         match thread_schedule_policy() {
-            Ok(ThreadSchedulePolicy::Realtime(_)) => match set(NORMAL, USUAL) {
-                Ok(()) => Outcome::granted("normal, in place of real-time scheduling that it inherited"),
-                Err(why) => Outcome::refused(format!("real-time scheduling that it inherited stays ({why})")),
+            Ok(ThreadSchedulePolicy::Realtime(_)) => match set(NORMAL, NORMAL_PRIORITY) {
+                Ok(()) => Outcome::granted("normal, instead of inherited real-time scheduling"),
+                Err(why) => Outcome::refused(format!("inherited real-time scheduling stays ({why})")),
             },
-            _ => Outcome::granted("normal, on purpose"),
+            _ => Outcome::granted("normal, as intended"),
         }
     }
 
+    /// Sets the calling thread's policy and priority.
     fn set(policy: ThreadSchedulePolicy, priority: u8) -> Result<(), String> {
         let priority = ThreadPriority::Crossplatform(ThreadPriorityValue::try_from(priority)?);
         set_thread_priority_and_policy(thread_native_id(), priority, policy).map_err(|error| match error {
@@ -87,7 +89,8 @@ mod system {
         })
     }
 
-    /// The SCHED_FIFO priority of the calling thread, as the system has it; none where it is scheduled otherwise.
+    /// Returns the SCHED_FIFO priority of the calling thread as the system reports it; `None` under another
+    /// policy.
     pub fn realtime_priority() -> Option<u8> {
         match thread_schedule_policy_param(thread_native_id()) {
             Ok((FIFO, parameters)) => u8::try_from(parameters.sched_priority).ok(),
@@ -95,15 +98,15 @@ mod system {
         }
     }
 
-    /// The highest real-time priority that a thread without privileges may take (RLIMIT_RTPRIO); none where the system has no
-    /// such limit.
+    /// Returns the highest real-time priority of threads without privileges (RLIMIT_RTPRIO); `None` if the
+    /// system has no such limit.
     pub fn priority_limit() -> Option<u64> {
         getrlimit(Resource::RLIMIT_RTPRIO).ok().map(|(soft, _)| soft)
     }
 
     pub fn ask_for_exact_timers() -> Outcome {
-        match set_timerslack(SLACK) {
-            Ok(()) => Outcome::granted(format!("{SLACK} ns")),
+        match set_timerslack(MIN_SLACK) {
+            Ok(()) => Outcome::granted(format!("{MIN_SLACK} ns")),
             Err(why) => Outcome::refused(format!("as it was ({})", why.desc())),
         }
     }
@@ -119,15 +122,15 @@ mod system {
     }
 
     pub fn ask_for_normal() -> Outcome {
-        Outcome::granted("normal, on purpose")
+        Outcome::granted("normal, as intended")
     }
 
-    /// The SCHED_FIFO priority of the calling thread: none on this system.
+    /// Returns the SCHED_FIFO priority of the calling thread; not supported on this system.
     pub fn realtime_priority() -> Option<u8> {
         None
     }
 
-    /// The highest real-time priority that a thread without privileges may take: this system has no such limit.
+    /// Returns the highest real-time priority of threads without privileges; this system has no such limit.
     pub fn priority_limit() -> Option<u64> {
         None
     }
@@ -142,17 +145,17 @@ mod tests {
     use super::*;
     use crate::{State, set_up};
 
-    /// The niceness of the calling thread.
+    /// Returns the niceness of the calling thread.
     fn niceness() -> i64 {
         let stat = std::fs::read_to_string("/proc/thread-self/stat").expect("Linux has it");
         let after_name = &stat[stat.rfind(')').expect("a name in brackets") + 1..];
         after_name.split_whitespace().nth(16).and_then(|field| field.parse().ok()).expect("a niceness")
     }
 
-    /// The system says itself what the thread has: what was granted, or what it had before.
+    /// The system reports the granted priority, or the one from before.
     #[test]
     #[allow(clippy::print_stdout)] // Says what could not be tried.
-    fn a_thread_has_what_was_granted() {
+    fn thread_has_the_granted_priority() {
         for role in [Role::Device, Role::Haptic, Role::Contact] {
             let thread = std::thread::spawn(move || (realtime_priority(), set_up(role), realtime_priority()));
             let (before, setup, after) = thread.join().expect("no panic");
@@ -170,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_contact_thread_gives_back_what_it_inherits() {
+    fn contact_thread_leaves_inherited_real_time_scheduling() {
         let thread = std::thread::spawn(|| {
             let niceness_before = niceness();
             let haptic = set_up(Role::Haptic);
@@ -185,7 +188,7 @@ mod tests {
         assert_eq!(inherited.is_some(), haptic.is_granted());
         assert!(contact.is_granted() && contact.detail.starts_with("normal"), "{contact}");
         assert_eq!(after, None);
-        // One that inherits real-time scheduling has niceness 0; others keep theirs.
+        // A thread that inherited real-time scheduling has niceness 0; others keep theirs.
         assert_eq!(niceness_after, if inherited.is_some() { 0 } else { niceness_before });
     }
 

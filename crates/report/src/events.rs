@@ -1,8 +1,8 @@
-//! The events of a session in plain words.
+//! Explanations of a session's events.
 
 use palpate::Events;
 
-/// Each event of [`Events`] by the name of its field, and what it means.
+/// Field name and meaning of each event of [`Events`].
 pub const EVENTS: [(&str, &str); 32] = [
     (
         "device_refused",
@@ -10,74 +10,74 @@ pub const EVENTS: [(&str, &str); 32] = [
     ),
     (
         "device_jumped",
-        "the device reported a place that no hand could have reached so fast; its last good pose was held",
+        "the device reported a position that a hand cannot reach so fast; its last valid pose was held",
     ),
-    ("device_stale", "the device's reading was the one before, by its time; its velocity went on"),
+    ("device_stale", "the device repeated its previous reading, with the same time; its velocity was kept"),
     (
         "rebased",
-        "the device was found elsewhere than it was lost; the object stayed, and the hand went on from there",
+        "the device returned at another pose than it was lost at; the object stayed, and the hand continues from there",
     ),
-    ("withheld", "the driver had sent zero in place of the wrench, which then came up from zero"),
-    ("late", "a step came late while the hand moved on; the wrench came up from zero"),
+    ("withheld", "the driver had sent zero instead of the wrench, which was then ramped up from zero"),
+    ("late", "a step came late while the hand kept moving; the wrench was ramped up from zero"),
     (
         "runaway",
-        "the handle ran along the wrench faster than a hand lets it; the wrench was dropped and came up from zero",
+        "the handle moved along the wrench faster than a hand lets it; the wrench was dropped and ramped up from zero",
     ),
     (
         "energy_created",
-        "more energy had come out than can have been stored; the wrench was dropped and came up from zero",
+        "more energy had come out than can have been stored; the wrench was dropped and ramped up from zero",
     ),
-    ("hot", "actuators were asked for more than they can keep up, and given less than the peak"),
-    ("device_ended", "the replayed motion had come to its end"),
+    ("hot", "actuators exceeded their continuous rating; the wrench was limited below its peak"),
+    ("device_ended", "the replayed motion had ended"),
     ("step_refused", "the step had no finite solution; the object stood still and no wrench was sent"),
-    ("reseated", "no step could be taken 20 times in a row; the object was put where the hand is"),
+    ("reseated", "20 steps in a row failed; the object was moved to the hand"),
     (
         "contacts_unsettled",
-        "which contacts push was still changing when the step ended, so that one may have been left out",
+        "the set of pushing contacts was still changing when the step ended; one may have been left out",
     ),
-    ("step_unconverged", "the integrator did not converge; the step was taken as far as it came"),
-    ("saturated", "the wrench was reduced towards what the device can render"),
-    ("slewed", "the change of the wrench was limited to what the device can follow"),
-    ("faded", "the wrench was faded out or in, for contact models were overdue"),
+    ("step_unconverged", "the integrator did not converge; its last iterate was used"),
+    ("saturated", "the wrench was reduced towards the device's peak"),
+    ("slewed", "the rate of change of the wrench was limited to what the device can follow"),
+    ("faded", "the wrench was faded out or in because contact models were overdue"),
     (
         "engaging",
-        "the wrench was coming up from zero: after the start, a failure of the device, or the clutch",
+        "the wrench was ramped up from zero: after the start, a failure of the device, or the clutch",
     ),
     ("clutched", "the clutch was held: the device moved without the object"),
-    ("reaction_dropped", "a push on an object of the scene was lost for want of room"),
+    ("reaction_dropped", "a force on a scene object was lost because its queue was full"),
     (
         "damped",
-        "the passivity controller added damping, for more energy came out of the session than went in",
+        "the passivity controller added damping because more energy came out of the session than went in",
     ),
     (
         "held_back",
-        "contacts pushed the object back, for it was too deep in a surface or had passed through one",
+        "contacts pushed the object back because it was too deep in a surface or had passed through one",
     ),
     (
         "texture_undersampled",
-        "a textured contact slid too far between two looks: run the contact loop faster, or make the texture coarser",
+        "a textured contact slid too far between two contact steps: raise the contact rate, or make the texture coarser",
     ),
     (
         "texture_folded",
-        "part of a textured surface overhangs as seen along the contact, so that its depth is approximate",
+        "part of a textured surface overhangs as seen along the contact normal, so its depth is approximate",
     ),
-    ("texture_backend_lost", "what computed textured contacts failed; the processor went on"),
+    ("texture_backend_lost", "the backend of textured contacts failed; the CPU took over"),
     (
         "contact_overflow",
-        "there were more contacts than a contact model has room for; the shallowest were left out: lower the number of clusters",
+        "there were more contacts than a contact model holds; the shallowest were left out: lower the number of clusters",
     ),
     ("contact_refused", "a contact query was given a pose, or found a contact, that is not finite"),
     ("not_converged", "the distance of two convex patches did not converge"),
     ("edit_refused", "a change of the scene could not be made"),
-    ("model_dropped", "a contact model was lost, for the haptic loop had not fetched the ones before"),
+    ("model_dropped", "a contact model was lost because the haptic loop had not fetched earlier ones"),
     (
         "contact_thread_lost",
         "the contact thread has ended by a panic; no more contacts are found, and the wrench has faded",
     ),
-    ("record_dropped", "a row of the recording was lost, for the recorder could not keep up"),
+    ("record_dropped", "a row of the recording was lost because the recorder could not keep up"),
 ];
 
-/// The events that happened: name, how often, what it means.
+/// Returns the events that happened: name, count and meaning.
 pub(crate) fn happened(events: &Events) -> Vec<(&'static str, u64, &'static str)> {
     let counts = serde_json::to_value(events).unwrap_or_default();
     let count = |name: &str| counts.get(name).and_then(serde_json::Value::as_u64).unwrap_or(0);
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn what_did_not_happen_is_left_out() {
+    fn events_that_did_not_happen_are_left_out() {
         assert!(happened(&Events::default()).is_empty());
         let events = Events { slewed: 3, record_dropped: 1, ..Events::default() };
         let found: Vec<_> = happened(&events).into_iter().map(|(name, count, _)| (name, count)).collect();

@@ -1,22 +1,22 @@
-//! Draws tables of values as heat maps, in SVG.
+//! Heat maps in SVG.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use crate::plot::PlotError;
 
-/// An axis of a heat map: one column or row of cells a value.
+/// Axis of a heat map, with one column or row of cells per value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellAxis {
     /// Quantity and unit.
     pub name: String,
-    /// The values, ascending or descending.
+    /// Values, ascending or descending.
     pub values: Vec<f64>,
 }
 
 impl CellAxis {
-    /// Where a value lies among the cells, whose middles are at ½, 1½ and so on; linear between neighbours, by their
-    /// logarithms where both are positive. Values beyond the ends are put at the edges.
+    /// Returns the position of a value among the cells, whose centres are at ½, 1½ and so on. Between
+    /// neighbours it is linear, or logarithmic if both are positive. Values beyond the ends are at the edges.
     pub fn position(&self, value: f64) -> f64 {
         let count = self.values.len() as f64;
         for (index, pair) in self.values.windows(2).enumerate() {
@@ -40,44 +40,47 @@ impl CellAxis {
 /// A line across a heat map, in the units of its axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Boundary {
-    /// What the legend says.
+    /// Text of the legend.
     pub name: String,
     /// Points of the line.
     pub points: Vec<(f64, f64)>,
 }
 
-/// One heat map.
+/// A heat map.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeatMap {
-    /// Written above it.
+    /// Title above the map.
     pub title: String,
-    /// From left to right.
+    /// Axis from left to right.
     pub x: CellAxis,
-    /// From bottom to top.
+    /// Axis from bottom to top.
     pub y: CellAxis,
-    /// A value from 0 (good) to 1 (bad) for each cell, row by row from the bottom, from left to right. What is not
-    /// finite is left white.
+    /// Value of each cell from 0 (good) to 1 (bad), row by row from the bottom, from left to right. Values
+    /// that are not finite are white.
     pub cells: Vec<f64>,
-    /// What values mean.
+    /// Legend: values with their meaning.
     pub legend: Vec<(f64, String)>,
-    /// Lines across it, at most as many as there are line colours: three.
+    /// Lines across the map, at most three, the number of line colours.
     pub boundaries: Vec<Boundary>,
 }
 
-/// Size of one heat map, and height of the legend under each, pixels.
+/// Size of a heat map, pixels.
 const SIZE: (u32, u32) = (430, 330);
-const LEGEND: u32 = 62;
-/// Most labels on an axis.
-const LABELS: usize = 8;
-/// From good to bad; told apart without hues too.
+/// Height of the legend below it, pixels.
+const LEGEND_HEIGHT: u32 = 62;
+/// Maximum number of labels on an axis.
+const MAX_LABELS: usize = 8;
+/// Colours from good to bad, distinguishable without hue.
 const SCALE: [RGBColor; 3] = [RGBColor(214, 234, 248), RGBColor(245, 176, 65), RGBColor(123, 36, 28)];
+/// Colours of boundaries.
 const LINES: [RGBColor; 3] = [RGBColor(20, 60, 140), RGBColor(0, 120, 70), RGBColor(90, 20, 110)];
+/// Colour of axes and text.
 const INK: RGBColor = RGBColor(60, 70, 80);
 
-/// Heat maps in rows of `columns`, as one SVG document.
+/// Draws heat maps in rows of `columns`, as an SVG document.
 ///
 /// # Errors
-/// If a map has not one value a cell, more boundaries than there are colours, or cannot be drawn.
+/// If a map has not one value per cell, has more boundaries than there are colours, or cannot be drawn.
 pub fn draw_heat_maps(maps: &[HeatMap], columns: usize) -> Result<String, PlotError> {
     let mut svg = String::new();
     draw_into(&mut svg, maps, columns.clamp(1, maps.len().max(1)))
@@ -89,7 +92,7 @@ type Drawn = Result<(), Box<dyn std::error::Error>>;
 
 fn draw_into(svg: &mut String, maps: &[HeatMap], columns: usize) -> Drawn {
     let rows = maps.len().div_ceil(columns).max(1);
-    let size = (SIZE.0 * columns as u32, (SIZE.1 + LEGEND) * rows as u32);
+    let size = (SIZE.0 * columns as u32, (SIZE.1 + LEGEND_HEIGHT) * rows as u32);
     let root = SVGBackend::with_string(svg, size).into_drawing_area();
     root.fill(&WHITE)?;
     for (area, map) in root.split_evenly((rows, columns)).iter().zip(maps) {
@@ -105,9 +108,7 @@ fn draw_one(area: &DrawingArea<SVGBackend<'_>, Shift>, map: &HeatMap) -> Drawn {
         return Err(format!("{} values for {columns} × {rows} cells", map.cells.len()).into());
     }
     if map.boundaries.len() > LINES.len() {
-        return Err(
-            format!("{} lines, of which {} can be told apart", map.boundaries.len(), LINES.len()).into()
-        );
+        return Err(format!("{} lines, but only {} colours", map.boundaries.len(), LINES.len()).into());
     }
     let (plot, legend) = area.split_vertically(SIZE.1);
     let mut chart = ChartBuilder::on(&plot)
@@ -131,7 +132,7 @@ fn draw_one(area: &DrawingArea<SVGBackend<'_>, Shift>, map: &HeatMap) -> Drawn {
     draw_legend(&legend, map)
 }
 
-/// Writes the axes' values at the middles of their cells, and what they are.
+/// Writes the axes' names, and their values at the centres of cells.
 fn label_axes(
     area: &DrawingArea<SVGBackend<'_>, Shift>,
     map: &HeatMap,
@@ -142,11 +143,11 @@ fn label_axes(
     let local = |(x, y): (i32, i32)| (x - origin.0.start, y - origin.1.start);
     let style = |across, down| TextStyle::from(("sans-serif", 12)).color(&INK).pos(Pos::new(across, down));
     let (columns, rows) = (map.x.values.len(), map.y.values.len());
-    for (index, value) in map.x.values.iter().enumerate().step_by(columns.div_ceil(LABELS).max(1)) {
+    for (index, value) in map.x.values.iter().enumerate().step_by(columns.div_ceil(MAX_LABELS).max(1)) {
         let (x, y) = local(pixel(index as f64 + 0.5, 0.0));
         area.draw_text(&number(*value), &style(HPos::Center, VPos::Top), (x, y + 4))?;
     }
-    for (index, value) in map.y.values.iter().enumerate().step_by(rows.div_ceil(LABELS).max(1)) {
+    for (index, value) in map.y.values.iter().enumerate().step_by(rows.div_ceil(MAX_LABELS).max(1)) {
         let (x, y) = local(pixel(0.0, index as f64 + 0.5));
         area.draw_text(&number(*value), &style(HPos::Right, VPos::Center), (x - 4, y))?;
     }
@@ -186,7 +187,7 @@ fn colour(value: f64) -> RGBColor {
     RGBColor(mix(a.0, b.0), mix(a.1, b.1), mix(a.2, b.2))
 }
 
-/// A value in three significant digits, with the prefixes of the SI beyond thousands.
+/// Formats a value with three significant digits and the SI prefixes k and M.
 fn number(value: f64) -> String {
     let (scaled, prefix) = match value.abs() {
         size if size >= 1e6 => (value * 1e-6, "M"),
@@ -211,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn positions_are_those_of_the_cells_middles() {
+    fn positions_are_those_of_the_cells_centres() {
         let logarithmic = axis(&[1.0, 100.0, 1000.0]);
         for (value, expected) in
             [(1.0, 0.5), (10.0, 1.0), (100.0, 1.5), (1000.0, 2.5), (0.1, 0.0), (1e9, 3.0)]

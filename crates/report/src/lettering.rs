@@ -1,11 +1,13 @@
-//! Lettering for contact sheets: five by seven dots, lower case, digits and what stands between them.
+//! Lettering for contact sheets: glyphs of five by seven dots for lower case letters, digits and punctuation.
 
 use crate::picture::Picture;
 
+/// Width of a glyph, dots.
 const WIDTH: u32 = 5;
+/// Height of a glyph, dots.
 const HEIGHT: u32 = 7;
 
-/// Rows from the top; the most significant of five bits is the leftmost dot.
+/// Glyphs as rows from the top; the most significant of five bits is the leftmost dot.
 const GLYPHS: [(char, [u8; HEIGHT as usize]); 39] = [
     (',', [0, 0, 0, 0, 0b01100, 0b00100, 0b01000]),
     ('.', [0, 0, 0, 0, 0, 0b01100, 0b01100]),
@@ -48,7 +50,7 @@ const GLYPHS: [(char, [u8; HEIGHT as usize]); 39] = [
     ('z', [0, 0, 0b11111, 0b00010, 0b00100, 0b01000, 0b11111]),
 ];
 
-/// Width (pixels) of `text` when each dot is `scale` pixels wide.
+/// Returns the width of `text` in pixels when each dot is `scale` pixels wide.
 pub fn width(text: &str, scale: u32) -> u32 {
     text.chars().count() as u32 * (WIDTH + 1) * scale
 }

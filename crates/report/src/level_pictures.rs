@@ -1,5 +1,5 @@
-//! Pictures of contact levels of detail, after Figs. 3.7 and 3.8: patches in colours, free levels as their hulls, all
-//! seen by one camera, and a contact sheet of them.
+//! Pictures of contact levels of detail, after Figs. 3.7 and 3.8: coloured patches, free levels as hulls, all
+//! with one camera, and a contact sheet of them.
 
 use palpate::TriMesh;
 use palpate::clod_build::hull_faces;
@@ -13,33 +13,34 @@ use crate::sheet::{Tile, contact_sheet};
 
 /// Colour of the original mesh, linear RGB.
 const PLASTER: [f32; 3] = [0.62, 0.60, 0.55];
-/// Widest lines along boundaries of patches, as a part of the picture's width.
-const LINE: f64 = 1.0 / 640.0;
-/// Widest lines as a part of the size of a patch: lines must not hide the colours of small ones.
-const LINE_OF_PATCH: f64 = 0.06;
-/// Faces of a hull that meet at a larger angle have a line between them: its cosine (20°).
+/// Largest width of lines along boundaries of patches, as a part of the picture's width.
+const MAX_LINE_WIDTH: f64 = 1.0 / 640.0;
+/// Largest width of lines as a part of the size of a patch. Wider lines would hide the colours of small
+/// patches.
+const MAX_LINE_SHARE: f64 = 0.06;
+/// Cosine of the angle between faces of a hull above which there is no line between them (20°).
 const HULL_CREASE_COSINE: f64 = 0.94;
-/// Widest picture on a contact sheet, pixels.
-const TILE_WIDTH: u32 = 400;
+/// Maximum width of a picture on a contact sheet, pixels.
+const MAX_TILE_WIDTH: u32 = 400;
 
-/// Draws the levels of a hierarchy.
+/// Pictures of the levels of a hierarchy.
 #[derive(Debug)]
 pub struct LevelPictures<'a> {
     clod: &'a Clod,
     camera: Camera,
     width: u32,
     height: u32,
-    /// A colour's number for each node.
+    /// Colour number of each node.
     colors: Vec<u8>,
 }
 
 impl<'a> LevelPictures<'a> {
-    /// Pictures `width` pixels wide, and three quarters as high, that the full mesh fills.
+    /// Creates pictures `width` pixels wide, and three quarters as high, that the full mesh fills.
     pub fn new(clod: &'a Clod, view: &View, width: u32) -> Self {
         Self::close_up(clod, view, width, clod.leaves().iter().flat_map(|node| clod.hull(node)))
     }
 
-    /// Pictures that some points (m) of the mesh fill, with what else is seen around them.
+    /// Creates pictures that some points (m) of the mesh fill; other parts are visible around them.
     pub fn close_up<'p>(
         clod: &'a Clod,
         view: &View,
@@ -51,14 +52,14 @@ impl<'a> LevelPictures<'a> {
         Self { clod, camera, width, height, colors: patches::colors(clod) }
     }
 
-    /// The mesh that the hierarchy was built from, smoothly shaded.
+    /// Draws the mesh that the hierarchy was built from, smoothly shaded.
     pub fn original(&self) -> Picture {
         let mesh = Surface::of(self.clod, 0).mesh;
         let faces = vec![Face { color: PLASTER, lined: [false; 3] }; mesh.triangles().len()];
         self.camera.render(&[Item::painted(&mesh, Paint::Faces(&faces))], Shading::Smooth)
     }
 
-    /// A level: its surface with a colour a patch or, for a free level, the hulls of its nodes.
+    /// Draws a level: its surface with a colour per patch or, for a free level, the hulls of its nodes.
     ///
     /// # Panics
     /// If the hierarchy has no such level.
@@ -66,9 +67,9 @@ impl<'a> LevelPictures<'a> {
         let free = self.clod.levels[level].free;
         let (mesh, faces) = if free { self.hulls(level) } else { self.surface(level) };
         let nodes = self.clod.level(level).len().max(1) as f64;
-        // About half of a picture is covered, by the half of the patches that is turned to the eye.
+        // The patches that face the camera, about half of them, cover about half of the picture.
         let patch = (f64::from(self.width) * f64::from(self.height) / nodes).sqrt();
-        let line_width = (LINE * f64::from(self.width)).min(LINE_OF_PATCH * patch);
+        let line_width = (MAX_LINE_WIDTH * f64::from(self.width)).min(MAX_LINE_SHARE * patch);
         self.camera.render(&[Item::painted(&mesh, Paint::Faces(&faces))], Shading::Flat { line_width })
     }
 
@@ -97,11 +98,11 @@ impl<'a> LevelPictures<'a> {
             triangles.extend(hull.iter().map(|triangle| triangle.map(|vertex| offset + vertex)));
             vertices.extend_from_slice(&points);
         }
-        // Indices are in range; hulls too many for a mesh are drawn as nothing.
+        // Indices are in range; with too many hulls for a mesh nothing is drawn.
         (TriMesh::new(vertices, triangles).unwrap_or_default(), faces)
     }
 
-    /// What stands below a level's picture.
+    /// Returns the caption of a level's picture.
     pub fn caption(&self, level: usize) -> Vec<String> {
         let data = &self.clod.levels[level];
         let counted = |number: usize, one: &str, many: &str| {
@@ -118,8 +119,8 @@ impl<'a> LevelPictures<'a> {
         }
     }
 
-    /// A contact sheet laid out as Fig. 3.7, from left to right and top to bottom: the original mesh, then the given
-    /// levels with their pictures.
+    /// Returns a contact sheet like Fig. 3.7, from left to right and top to bottom: the original mesh, then
+    /// the given levels with their pictures.
     pub fn sheet(&self, levels: &[(usize, Picture)]) -> Picture {
         let triangles = grouped(self.clod.source.triangles as usize);
         let caption = vec!["original mesh".to_owned(), format!("{triangles} triangles")];
@@ -130,12 +131,13 @@ impl<'a> LevelPictures<'a> {
                 .map(|(level, picture)| Tile { picture: picture.clone(), caption: self.caption(*level) }),
         );
         let columns = if tiles.len() > 9 { 4 } else { 3 };
-        let width = self.width.min(TILE_WIDTH);
+        let width = self.width.min(MAX_TILE_WIDTH);
         contact_sheet(&tiles, columns, width, (width / 200).max(1))
     }
 }
 
-/// Which edges of a hull's faces, each named by the corner opposite, part faces that meet at an angle.
+/// Returns for each face of a hull, by the opposite corner, whether its edges separate faces that meet at an
+/// angle.
 fn creases(points: &[DVec3], hull: &[[u32; 3]]) -> Vec<[bool; 3]> {
     let normals: Vec<DVec3> = hull
         .iter()
@@ -155,7 +157,7 @@ fn creases(points: &[DVec3], hull: &[[u32; 3]]) -> Vec<[bool; 3]> {
     lined
 }
 
-/// A number with commas between its thousands.
+/// Formats a number with commas between thousands.
 pub fn grouped(number: usize) -> String {
     let digits = number.to_string();
     let groups: Vec<&str> =
@@ -172,7 +174,7 @@ mod tests {
 
     use super::*;
 
-    /// The coarse hues in a picture's middle, away from the grey background.
+    /// Coarse hues in a picture, without the grey background.
     fn hues(picture: &Picture) -> HashSet<[u8; 3]> {
         let vivid = |pixel: &[u8; 3]| {
             let (low, high) = (pixel.iter().min(), pixel.iter().max());
@@ -196,7 +198,7 @@ mod tests {
             let picture = pictures.level(index);
             assert_eq!((picture.width(), picture.height()), (200, 150));
             let hues = hues(&picture).len();
-            // Patches of a surface that meet differ in colour; of hulls one may hide the others.
+            // Neighbouring patches differ in colour; a hull may hide the others.
             let several = !level.free && level.nodes.len() > 8;
             let wanted = if index == 0 { 3 } else { 1 + usize::from(several) };
             assert!(hues >= wanted, "level {index}: {hues} hues");
@@ -210,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_close_up_is_filled_by_its_points() {
+    fn close_up_is_filled_by_its_points() {
         let mesh = Model::Torus.generate(1_000).expect("torus");
         let clod = build(&mesh, &BuildOptions::default(), &mut unwatched).expect("hierarchy");
         let view = View::from_degrees(-70.0, 40.0);
@@ -220,13 +222,13 @@ mod tests {
         let border = |picture: &Picture, column| -> Vec<_> {
             (0..150).map(|row| picture.pixel(column, row)).collect()
         };
-        // Of the whole torus a frame of background is left, of its close-up something reaches the picture's border.
+        // The whole torus leaves a frame of background; in the close-up it reaches the picture's border.
         assert!(border(&whole, 0) == border(&whole, 199));
         assert!(border(&half, 0) != border(&whole, 0) || border(&half, 199) != border(&whole, 199));
     }
 
     #[test]
-    fn a_cube_has_lines_along_its_edges_and_none_across_its_sides() {
+    fn cube_has_lines_along_its_edges_and_none_across_its_sides() {
         let corners: Vec<DVec3> =
             (0..8).map(|k| DVec3::new(f64::from(k & 1), f64::from(k >> 1 & 1), f64::from(k >> 2))).collect();
         let hull = hull_faces(&corners);

@@ -1,34 +1,34 @@
-//! Figures of a hierarchy of contact levels of detail: the columns of Table 3.2, and a row a level.
+//! Figures of a hierarchy of contact levels of detail: the columns of Table 3.2, and a row per level.
 
 use palpate::core::Clod;
 use palpate::core::clod::Level;
 use palpate::models::Model;
 use serde::Serialize;
 
-/// The columns of Table 3.2 for one object.
+/// Columns of Table 3.2 for one object.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Table32 {
-    /// Triangles of the full mesh ("Orig. Tris").
+    /// Number of triangles of the full mesh ("Orig. Tris").
     pub original_triangles: u32,
-    /// Convex patches of the full mesh ("Orig. BVs").
+    /// Number of convex patches of the full mesh ("Orig. BVs").
     pub original_patches: u32,
-    /// Triangles of the coarsest level that is not free ("Simp. Tris").
+    /// Number of triangles of the coarsest level that is not free ("Simp. Tris").
     pub simplified_triangles: u32,
-    /// Convex patches of that level ("Simp. BVs").
+    /// Number of convex patches of that level ("Simp. BVs").
     pub simplified_patches: u32,
-    /// r_1: resolution of the finest level made by simplification, which is level 1, times the bounding radius; none
-    /// where simplification made no level.
+    /// Resolution r_1 of the finest simplified level, which is level 1, times the bounding radius; `None` if
+    /// there is no simplified level.
     pub finest_resolution: Option<f64>,
-    /// r_λ: resolution of the coarsest level that is not free, times the bounding radius.
+    /// Resolution r_λ of the coarsest level that is not free, times the bounding radius.
     pub coarsest_resolution: f64,
-    /// Free levels.
+    /// Number of free levels.
     pub free_levels: u32,
-    /// All levels.
+    /// Number of all levels.
     pub levels: u32,
 }
 
 impl Table32 {
-    /// The columns for a hierarchy.
+    /// Returns the columns for a hierarchy.
     pub fn of(clod: &Clod) -> Self {
         let free_levels = clod.levels.iter().filter(|level| level.free).count();
         let coarsest = (clod.levels.len() - free_levels).saturating_sub(1);
@@ -46,8 +46,9 @@ impl Table32 {
         }
     }
 
-    /// What Table 3.2 of the dissertation says of its own model of this name; both halves of the ball joint have its one
-    /// row. The models themselves are not published: the built-in ones have the same sizes and similar shapes.
+    /// Returns the row of Table 3.2 of the dissertation for its own model of this name; both halves of the
+    /// ball joint have the same row. Its models are not published; the built-in ones have the same sizes and
+    /// similar shapes.
     pub fn published(model: Model) -> Option<Self> {
         let row = match model {
             Model::LowerJaw => (40_180, 11_323, 386, 64, 144.5, 12.23, 6, 15),
@@ -77,24 +78,24 @@ impl Table32 {
 /// Figures of one level.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LevelFigures {
-    /// Triangles of the level's mesh; for a free level those of the coarsest level that is not free.
+    /// Number of triangles of the level's mesh; for a free level, of the coarsest level that is not free.
     pub triangles: u32,
-    /// Patches, or hulls of a free level.
+    /// Number of patches, or of hulls of a free level.
     pub patches: u32,
-    /// r, 1/m.
+    /// Resolution r, 1/m.
     pub resolution: f64,
     /// Whether the level was made by unconstrained merging.
     pub free: bool,
-    /// s of the level's patches, m.
+    /// Deviation s of the level's patches, m.
     pub deviation: Spread,
-    /// h of the level's hulls, m.
+    /// Distance h of the level's hulls, m.
     pub hausdorff: Spread,
-    /// Memory that the level takes, with the points that no finer level has, bytes.
+    /// Memory of the level, including the points that no finer level has, bytes.
     pub bytes: usize,
 }
 
 impl LevelFigures {
-    /// The figures of each level, the full mesh first.
+    /// Returns the figures of each level, the full mesh first.
     pub fn of(clod: &Clod) -> Vec<Self> {
         let figures = |(index, level): (usize, &Level)| {
             let nodes = clod.level(index);
@@ -112,12 +113,12 @@ impl LevelFigures {
     }
 }
 
-/// Median and greatest of some values; 0 where there are none.
+/// Median and maximum of some values; 0 for no values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
-    /// Median, the mean of the two in the middle where their number is even.
+    /// Median; for an even number of values the mean of the middle two.
     pub median: f64,
-    /// Greatest.
+    /// Maximum.
     pub max: f64,
 }
 
@@ -152,7 +153,7 @@ mod tests {
     fn the_columns_are_those_of_the_levels_they_name() {
         let clod = torus(true);
         let table = Table32::of(&clod);
-        // The slow way: walk down from the root to the first level that is not free.
+        // For comparison, walk down from the root to the first level that is not free.
         let coarsest = clod.levels.iter().rposition(|level| !level.free).expect("level 0 is not free");
         assert!(coarsest > 1, "simplification made levels");
         assert_eq!(table.original_triangles, clod.levels[0].triangles);
@@ -179,17 +180,17 @@ mod tests {
     }
 
     #[test]
-    fn the_levels_take_all_the_memory() {
+    fn memory_of_levels_adds_up_to_that_of_the_hierarchy() {
         let clod = torus(true);
         let bytes: usize = LevelFigures::of(&clod).iter().map(|level| level.bytes).sum();
         assert_eq!(bytes + size_of::<Clod>(), clod.total_bytes());
     }
 
     #[test]
-    fn the_published_rows_are_of_models_of_the_same_size() {
+    fn published_rows_are_of_models_of_the_same_size() {
         let published: Vec<Model> =
             Model::ALL.into_iter().filter(|model| Table32::published(*model).is_some()).collect();
-        // Seven rows, of which the ball joint's is for both its halves.
+        // Seven rows; that of the ball joint counts for both of its halves.
         assert_eq!(published.len(), 8);
         for model in published {
             let triangles = Table32::published(model).map(|row| row.original_triangles as usize);
@@ -198,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn medians_and_greatest_values() {
+    fn spread_has_median_and_maximum() {
         let spread = |values: &[f64]| Spread::of(values.iter().copied());
         assert_eq!(spread(&[]), Spread { median: 0.0, max: 0.0 });
         assert_eq!(spread(&[3.0, 1.0, 2.0]), Spread { median: 2.0, max: 3.0 });

@@ -1,7 +1,7 @@
-//! What palpate's results look like to a person: self-contained HTML [`Report`]s of sessions with plots over time,
-//! figures and pictures of contact levels of detail ([`Table32`], [`LevelFigures`], [`LevelPictures`]), [plots](draw),
-//! [logarithmic ones](draw_log_log) and
-//! [heat maps](draw_heat_maps) of other measurements, and pictures of meshes drawn in software ([`raster`], [`sheet`], [`views`]).
+//! Presentation of palpate's results: self-contained HTML [`Report`]s of sessions with plots over time,
+//! figures and pictures of contact levels of detail ([`Table32`], [`LevelFigures`], [`LevelPictures`]),
+//! [plots](draw), [logarithmic plots](draw_log_log) and [heat maps](draw_heat_maps) of other measurements,
+//! and pictures of meshes drawn in software ([`raster`], [`sheet`], [`views`]).
 
 mod events;
 mod heat_map;
@@ -42,36 +42,36 @@ pub use picture::Picture;
 pub use plot::{Curve, Figure, PlotError, draw};
 pub use summary::measured;
 
-/// What a report is about.
+/// Contents of a report.
 #[derive(Clone, Copy, Debug)]
 pub struct Report<'a> {
     /// Title, for example "upper-jaw against lower-jaw".
     pub title: &'a str,
-    /// The command that made it.
+    /// Command that made the report.
     pub command: &'a str,
-    /// What the session measured of itself.
+    /// Summary of the session.
     pub summary: &'a Summary,
-    /// The recording, in order of time.
+    /// Recording, in order of time.
     pub records: &'a [Record],
-    /// What the session was made of.
+    /// Settings and objects of the session.
     pub rendered: &'a Rendered,
-    /// Where the session ran.
+    /// Machine on which the session ran.
     pub machine: &'a Machine,
 }
 
-/// What a session is made of, to be kept beside it: the renderer is used up when it runs.
+/// Settings and objects of a session. They are kept separately, because running consumes the renderer.
 #[derive(Clone, Debug)]
 pub struct Rendered {
-    /// The settings in force.
+    /// Settings in force.
     pub settings: Settings,
-    /// The grasped object.
+    /// Grasped object.
     pub probe: Object,
-    /// What it touches.
+    /// Scene that it touches.
     pub scene: Scene,
 }
 
 impl Rendered {
-    /// What a renderer is about to run with; objects are shared with it.
+    /// Returns the settings and objects of a renderer; objects are shared with it.
     pub fn of(renderer: &HapticRenderer) -> Self {
         Self {
             settings: *renderer.settings_in_force(),
@@ -82,7 +82,7 @@ impl Rendered {
 }
 
 impl Report<'_> {
-    /// The report as one HTML document without references to other files.
+    /// Returns the report as an HTML document without references to other files.
     ///
     /// # Errors
     /// If a plot or the picture cannot be drawn.
@@ -109,6 +109,7 @@ impl Report<'_> {
         ))
     }
 
+    /// Returns the picture of the scene as an HTML figure; empty for an empty recording.
     fn picture(&self) -> Result<String, PlotError> {
         let Some(moment) = Moment::of(self.records) else { return Ok(String::new()) };
         let Rendered { probe, scene, .. } = self.rendered;
@@ -122,6 +123,7 @@ impl Report<'_> {
     }
 }
 
+/// Returns rows of an HTML table.
 fn table<N: AsRef<str>>(rows: &[(N, String)]) -> String {
     rows.iter().fold(String::new(), |mut text, (name, value)| {
         let _ = writeln!(text, "<tr><th>{}</th><td>{}</td></tr>", escape(name.as_ref()), escape(value));
@@ -129,6 +131,7 @@ fn table<N: AsRef<str>>(rows: &[(N, String)]) -> String {
     })
 }
 
+/// Escapes text for HTML.
 fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -1,59 +1,60 @@
-//! What a session shows of itself while it runs, from its records: for terminals and windows.
+//! Live view of a running session from its records, for terminals and windows.
 
 use std::collections::VecDeque;
 
 use palpate::device::Specification;
 use palpate::{Record, Wrench};
 
-/// Rates are counted over this long, s.
-const COUNTED: f64 = 0.5;
-/// A column of the history is this long, s, and there are so many.
+/// Time over which rates are counted, s.
+const RATE_WINDOW: f64 = 0.5;
+/// Length of a column of the history, s.
 pub const COLUMN: f64 = 0.05;
+/// Number of columns of the history.
 const COLUMNS: usize = 200;
 
 /// Rates over the last half second.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Rates {
-    /// Haptic steps a second, Hz.
+    /// Haptic rate, Hz.
     pub haptic: f64,
-    /// Periods that had no step, per second.
+    /// Number of periods without a step, per second.
     pub missed: f64,
-    /// Contact models that came into use a second, Hz.
+    /// Rate at which new contact models came into use, Hz.
     pub contact: f64,
 }
 
-/// Largest force (N) and depth (m) of a time.
+/// Largest force and depth in some time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Extremes {
-    /// N.
+    /// Largest force, N.
     pub force: f64,
-    /// m.
+    /// Largest penetration depth, m.
     pub depth: f64,
 }
 
-/// What is shown of a running session.
+/// Live view of a running session.
 #[derive(Clone, Debug)]
 pub struct Live {
-    /// The device.
+    /// Name of the device.
     pub device: String,
-    /// Its peak force (N) and torque (N·m), or what is shown as full where it has none.
+    /// Peak force (N) and torque (N·m) of the device, or a default scale if it has none.
     pub peak: (f64, f64),
-    /// The last step.
+    /// Record of the last step.
     pub latest: Option<Record>,
     /// Rates over the last half second.
     pub rates: Rates,
     /// Columns of [`COLUMN`] seconds over the last ten, the oldest first.
     pub history: VecDeque<Extremes>,
-    /// Of the whole session.
+    /// Extremes of the whole session.
     pub most: Extremes,
     period: f64,
-    /// Where the counted time began (s), and what was counted since.
+    /// Time at which the current count began (s), and the counts since.
     counted: (f64, Rates),
     column: (f64, Extremes),
 }
 
 impl Live {
-    /// One for a device, stepped every so many seconds.
+    /// Creates a view for a device with a haptic period (s).
     pub fn new(specification: &Specification, period: f64) -> Self {
         let full = |peak: f64, otherwise: f64| if peak > 0.0 && peak.is_finite() { peak } else { otherwise };
         Self {
@@ -83,11 +84,11 @@ impl Live {
         counted.haptic += 1.0;
         counted.missed += (since / self.period - 1.0).round().max(0.0);
         counted.contact += f64::from(u8::from(news && record.model_age.is_finite()));
-        let lasted = record.time - *begun;
-        if lasted >= COUNTED - 1e-9 {
+        let elapsed = record.time - *begun;
+        if elapsed >= RATE_WINDOW - 1e-9 {
             let Rates { haptic, missed, contact } = std::mem::take(counted);
             self.rates =
-                Rates { haptic: haptic / lasted, missed: missed / lasted, contact: contact / lasted };
+                Rates { haptic: haptic / elapsed, missed: missed / elapsed, contact: contact / elapsed };
             *begun = record.time;
         }
 
@@ -106,7 +107,7 @@ impl Live {
         }
     }
 
-    /// The wrench at the device now.
+    /// Returns the latest wrench at the device.
     pub fn wrench(&self) -> Wrench {
         self.latest.map_or(Wrench::ZERO, |record| record.coupling)
     }
@@ -134,7 +135,7 @@ mod tests {
         }
     }
 
-    /// A step is missing twice in half a second, and a model comes every fourth one.
+    /// Two steps are missing in half a second, and a model comes with every fourth step.
     #[test]
     fn rates_are_counted() {
         let mut live = Live::new(&Emulation::default().specification, 1e-3);
@@ -152,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn histories_end_and_a_device_without_force_has_a_scale() {
+    fn history_is_limited_and_a_device_without_force_has_a_scale() {
         let specification = Specification {
             peak_force: 0.0,
             peak_torque: f64::INFINITY,

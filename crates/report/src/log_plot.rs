@@ -1,4 +1,4 @@
-//! Draws curves on two logarithmic axes, in SVG.
+//! Plots with two logarithmic axes, in SVG.
 
 use std::ops::Range;
 
@@ -12,41 +12,41 @@ use crate::plot::{COLOURS, Curve, PlotError, only_finite};
 pub struct LogAxis {
     /// Quantity and unit.
     pub name: String,
-    /// The values that are marked, ascending; the axis reaches from the first to the last or as far as the curves do.
+    /// Marked values, ascending. The axis covers them and the curves.
     pub marks: Vec<f64>,
 }
 
 /// Curves of positive values on logarithmic axes.
 #[derive(Clone, Debug)]
 pub struct LogPlot {
-    /// Written above it.
+    /// Title above the plot.
     pub title: String,
-    /// From left to right.
+    /// Axis from left to right.
     pub x: LogAxis,
-    /// From bottom to top.
+    /// Axis from bottom to top.
     pub y: LogAxis,
-    /// Points that are not positive and finite are left out.
+    /// Curves; points that are not positive and finite are left out.
     pub curves: Vec<Curve>,
-    /// Points that are not joined. With the curves at most as many as there are colours: six.
+    /// Series of separate points. Together with the curves at most six, the number of colours.
     pub scattered: Vec<Curve>,
 }
 
 const SIZE: (u32, u32) = (640, 480);
 
-/// The plot as an SVG document.
+/// Draws a plot as an SVG document.
 ///
 /// # Errors
-/// If there are more curves than colours, no point, or it cannot be drawn.
+/// If there are more curves than colours, there is no point, or the plot cannot be drawn.
 pub fn draw_log_log(plot: &LogPlot) -> Result<String, PlotError> {
     let mut svg = String::new();
     draw_into(&mut svg, plot).map_err(|error| PlotError::new(error.to_string()))?;
     Ok(svg)
 }
 
-/// Room beside the outermost points of a curve, as a factor.
-const ROOM: f64 = 1.1;
+/// Margin beyond the outermost points of a curve, as a factor.
+const MARGIN: f64 = 1.1;
 
-/// What an axis reaches over, by logarithm.
+/// Range of a logarithmic axis.
 struct LogRange {
     range: Range<f64>,
     marks: Vec<f64>,
@@ -55,13 +55,13 @@ struct LogRange {
 impl LogRange {
     fn new(axis: &LogAxis, values: impl Iterator<Item = f64>) -> Result<Self, String> {
         let (low, high) = values
-            .flat_map(|value| [value / ROOM, value * ROOM])
+            .flat_map(|value| [value / MARGIN, value * MARGIN])
             .chain(axis.marks.iter().copied())
             .fold((f64::INFINITY, 0.0_f64), |(low, high), value| (low.min(value), high.max(value)));
         if low > 0.0 && low < high && high.is_finite() {
             Ok(Self { range: low..high, marks: axis.marks.clone() })
         } else {
-            Err(format!("the axis {} has nothing to show", axis.name))
+            Err(format!("no point on the axis {}", axis.name))
         }
     }
 }
@@ -76,7 +76,7 @@ impl Ranged for LogRange {
     }
 
     fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
-        // Fine lines are not drawn.
+        // There are no light grid lines.
         if hint.weight().allow_light_points() { Vec::new() } else { self.marks.clone() }
     }
 
@@ -88,7 +88,7 @@ impl Ranged for LogRange {
 fn draw_into(svg: &mut String, plot: &LogPlot) -> Result<(), Box<dyn std::error::Error>> {
     let count = plot.curves.len() + plot.scattered.len();
     if count > COLOURS.len() {
-        return Err(format!("{count} curves, of which {} can be told apart", COLOURS.len()).into());
+        return Err(format!("{count} curves, but only {} colours", COLOURS.len()).into());
     }
     let curves: Vec<Curve> = plot.curves.iter().map(only_positive).collect();
     let scattered: Vec<Curve> = plot.scattered.iter().map(only_positive).collect();
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn curve_is_straight_by_logarithms() {
+    fn power_law_is_a_straight_line() {
         let svg = draw_log_log(&plot(vec![(1.0, 1.0), (2.0, 2.0), (10.0, 10.0), (0.0, 3.0)])).unwrap();
         for text in ["title", "x, m", "y, N", "curve"] {
             assert!(svg.contains(text), "{text}");
@@ -169,12 +169,12 @@ mod tests {
     }
 
     #[test]
-    fn scattered_points_are_drawn_as_such() {
+    fn scattered_points_are_drawn_as_circles() {
         let mut scattered = plot(vec![(1.0, 1.0), (10.0, 10.0)]);
         let points = vec![(2.0, 3.0), (4.0, 5.0), (-1.0, 2.0)];
         scattered.scattered = vec![Curve { name: "points".to_owned(), points }];
         let svg = draw_log_log(&scattered).unwrap();
-        // One more in the legend.
+        // The legend has one more.
         assert_eq!(svg.matches("<circle").count(), 3, "{svg}");
         assert!(svg.contains("points"));
     }

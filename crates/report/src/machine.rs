@@ -1,28 +1,28 @@
-//! Which machine and which build of palpate measured something.
+//! Description of the machine and of the build of palpate.
 
 use serde::Serialize;
 
-/// The machine and the build of palpate that this runs on.
+/// Machine and build of palpate on which the program runs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Machine {
     /// Version of palpate.
     pub palpate: &'static str,
-    /// Operating system that it was built for: `linux`, `macos`, `windows`.
+    /// Target operating system: `linux`, `macos`, `windows`.
     pub os: &'static str,
-    /// Kind of processor that it was built for: `x86_64`, `aarch64`.
+    /// Target architecture: `x86_64`, `aarch64`.
     pub architecture: &'static str,
-    /// Whether debug assertions are compiled in, which make it slower.
+    /// Whether debug assertions are compiled in; they make the program slower.
     pub debug_assertions: bool,
-    /// Model of the processor, where the operating system names it (Linux).
+    /// Model of the processor, if the operating system reports it (Linux).
     pub processor: Option<String>,
-    /// Processors that this process may use.
+    /// Number of processors that this process may use.
     pub processors: Option<usize>,
     /// Release of the operating system's kernel (Linux).
     pub kernel: Option<String>,
 }
 
 impl Machine {
-    /// This machine and build.
+    /// Returns a description of this machine and build.
     pub fn this() -> Self {
         let read = |path: &str| std::fs::read_to_string(path).ok();
         Self {
@@ -36,13 +36,13 @@ impl Machine {
         }
     }
 
-    /// The build as a line: version, kind of processor, operating system.
+    /// Returns the build as a line: version, architecture, operating system.
     pub fn build(&self) -> String {
         let checked = if self.debug_assertions { ", with debug assertions" } else { "" };
         format!("palpate {} for {} on {}{checked}", self.palpate, self.architecture, self.os)
     }
 
-    /// The processor as a line.
+    /// Returns the processor as a line.
     pub fn processor_line(&self) -> String {
         let model = self.processor.as_deref().unwrap_or("unknown model");
         match self.processors {
@@ -53,7 +53,7 @@ impl Machine {
     }
 }
 
-/// From `/proc/cpuinfo`: x86 names a model; ARM names a board, or nothing.
+/// Returns the model from the text of `/proc/cpuinfo`. x86 names a model; ARM names a board, or nothing.
 fn model_name(cpuinfo: &str) -> Option<String> {
     let field = |wanted: &str| {
         cpuinfo.lines().find_map(|line| {
@@ -69,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_model_is_read_from_what_linux_writes() {
+    fn model_is_read_from_cpuinfo() {
         let x86 = "processor\t: 0\nmodel\t\t: 85\nmodel name\t: Some Processor @ 2.50GHz\nprocessor\t: 1\n";
         assert_eq!(model_name(x86).as_deref(), Some("Some Processor @ 2.50GHz"));
         let board = "processor\t: 0\nBogoMIPS\t: 108.00\n\nModel\t\t: Some Board Rev 1.4\n";
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_hold_what_is_known() {
+    fn lines_contain_the_known_values() {
         let machine = Machine { processor: None, processors: Some(1), ..Machine::this() };
         assert_eq!(machine.processor_line(), "unknown model, 1 processor");
         assert!(machine.build().contains(env!("CARGO_PKG_VERSION")));

@@ -1,8 +1,8 @@
-//! The surface of a level as one mesh, and colours that tell its patches apart.
+//! The surface of a level as one mesh, and a colouring of its patches.
 //!
-//! Nodes share no vertices, so the patches are sewn together at vertices that coincide exactly. Colours are given
-//! greedily, to the patch with most neighbours first, such that neighbours differ; a patch keeps the colour of its
-//! largest child where that is free, so that patches can be followed from level to level.
+//! Nodes share no vertices, so patches are joined at vertices that coincide exactly. Colours are assigned
+//! greedily, in order of decreasing number of neighbours, so that neighbours differ. A patch keeps the colour
+//! of its largest child if that is free, so that patches can be followed from level to level.
 
 use std::collections::HashMap;
 
@@ -10,10 +10,10 @@ use palpate::TriMesh;
 use palpate::core::Clod;
 use palpate::core::clod::Node;
 
-/// The surface of a level that is not free.
+/// Surface of a level that is not free.
 pub(crate) struct Surface {
     pub mesh: TriMesh,
-    /// The patch of each triangle, counted within the level.
+    /// Patch of each triangle, numbered within the level.
     pub owners: Vec<u32>,
     /// Whether the edge opposite each corner of a triangle is on its patch's boundary.
     pub boundary: Vec<[bool; 3]>,
@@ -22,7 +22,7 @@ pub(crate) struct Surface {
 }
 
 impl Surface {
-    /// The surface of level `level`; empty for a free level.
+    /// Returns the surface of level `level`; empty for a free level.
     pub fn of(clod: &Clod, level: usize) -> Self {
         let mut known: HashMap<[u64; 3], u32> = HashMap::new();
         let mut vertices = Vec::new();
@@ -33,7 +33,7 @@ impl Surface {
             for triangle in clod.patch(node) {
                 triangles.push(triangle.map(|corner| {
                     let point = hull[corner as usize];
-                    // Both zeros are one number with two patterns of bits.
+                    // Adding 0 turns −0 into 0, so both have the same bits.
                     let key = point.to_array().map(|coordinate| (coordinate + 0.0).to_bits());
                     *known.entry(key).or_insert_with(|| {
                         vertices.push(point);
@@ -61,23 +61,24 @@ impl Surface {
         }
         neighbours.sort_unstable();
         neighbours.dedup();
-        // Indices are in range as they come from a hierarchy; one too large for a mesh is drawn as nothing.
+        // Indices come from a hierarchy, so they are in range; if it is too large for a mesh, nothing is
+        // drawn.
         let mesh = TriMesh::new(vertices, triangles).unwrap_or_default();
         Self { mesh, owners, boundary, neighbours }
     }
 }
 
-/// One side of a triangle.
+/// A side of a triangle.
 #[derive(Clone, Copy)]
 pub(crate) struct Side {
-    /// Its vertices, the lower number first.
+    /// Vertices, the lower number first.
     pub edge: (u32, u32),
     pub triangle: u32,
-    /// The corner opposite it.
+    /// Opposite corner.
     pub corner: u8,
 }
 
-/// All sides of triangles, those of one edge together.
+/// Returns all sides of triangles, sorted so that those of an edge are adjacent.
 pub(crate) fn sides(triangles: &[[u32; 3]]) -> Vec<Side> {
     let mut sides: Vec<Side> = (0..)
         .zip(triangles)
@@ -92,13 +93,13 @@ pub(crate) fn sides(triangles: &[[u32; 3]]) -> Vec<Side> {
     sides
 }
 
-/// Colours that tell neighbours apart, sRGB.
+/// Colours of patches, sRGB.
 const PALETTE: [u32; 12] = [
     0x4e79a7, 0xf28e2b, 0xd94f54, 0x6fb5b0, 0x59a14f, 0xecc846, 0xa86fa0, 0xf39aa6, 0x93684f, 0x9fd67f,
     0x8fc7ea, 0x6a5fc0,
 ];
 
-/// Linear RGB of a colour's number.
+/// Returns the linear RGB of a colour number.
 pub(crate) fn color(number: u8) -> [f32; 3] {
     let packed = PALETTE[usize::from(number) % PALETTE.len()];
     [16, 8, 0].map(|shift| {
@@ -107,12 +108,12 @@ pub(crate) fn color(number: u8) -> [f32; 3] {
     })
 }
 
-/// A colour's number for every node of the hierarchy.
+/// Returns a colour number for each node of a hierarchy.
 pub(crate) fn colors(clod: &Clod) -> Vec<u8> {
     let mut colors = vec![0; clod.nodes().len()];
     let mut neighbours: Vec<(u32, u32)> = Vec::new();
     for (index, level) in clod.levels.iter().enumerate() {
-        // Hulls of a free level are neighbours where any of their children are.
+        // Hulls of a free level are neighbours if any of their children are.
         neighbours = if level.free {
             let finer = clod.levels[index.saturating_sub(1)].nodes.start;
             let parent = |child: u32| clod.node(finer + child).parent.wrapping_sub(level.nodes.start);
@@ -133,7 +134,7 @@ pub(crate) fn colors(clod: &Clod) -> Vec<u8> {
             .iter()
             .map(|node| {
                 let size = |child: &Node| (child.triangles.len(), child.vertices.len());
-                // Of equals the first, as max_by takes the last.
+                // The first of equal ones; `max_by_key` returns the last, hence the reversal.
                 let largest = (node.children.start..node.children.end)
                     .rev()
                     .max_by_key(|child| size(&clod.node(*child)));
@@ -146,7 +147,7 @@ pub(crate) fn colors(clod: &Clod) -> Vec<u8> {
     colors
 }
 
-/// A colour for each of some patches, the wanted one where neighbours leave it; `pairs` of neighbours in order.
+/// Assigns a colour to each patch: the wanted one if no neighbour has it. `pairs` are neighbours, in order.
 fn distinct(wanted: &[Option<u8>], pairs: &[(u32, u32)]) -> Vec<u8> {
     let mut around: Vec<Vec<u32>> = vec![Vec::new(); wanted.len()];
     for (a, b) in pairs {
@@ -157,7 +158,7 @@ fn distinct(wanted: &[Option<u8>], pairs: &[(u32, u32)]) -> Vec<u8> {
     order.sort_by_key(|patch| std::cmp::Reverse(around[*patch as usize].len()));
     let mut colors: Vec<Option<u8>> = vec![None; wanted.len()];
     for patch in order {
-        // How often each colour is seen next to the patch, which weighs most, and one further.
+        // Number of uses of each colour by neighbours, in the upper half, and by neighbours of neighbours.
         let mut seen = [0_usize; PALETTE.len()];
         for neighbour in &around[patch as usize] {
             if let Some(color) = colors[*neighbour as usize] {
@@ -170,7 +171,7 @@ fn distinct(wanted: &[Option<u8>], pairs: &[(u32, u32)]) -> Vec<u8> {
             }
         }
         let wanted = wanted[patch as usize].filter(|color| seen[usize::from(*color)] < 1 << 32);
-        // Where colours are equally rare, each patch begins with another.
+        // Patches start at different colours, so that equally rare colours are all used.
         let first = (patch.wrapping_mul(0x9e37_79b9) >> 16) as usize;
         let rarest = (0..PALETTE.len())
             .map(|k| (first + k) % PALETTE.len())
@@ -189,7 +190,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn neighbouring_patches_differ_and_the_surface_is_sewn_up() {
+    fn neighbouring_patches_differ_and_the_surface_is_closed() {
         let mesh = Model::Torus.generate(2_000).expect("torus");
         let options = BuildOptions::default();
         let clod = build(&mesh, &options, &mut unwatched).expect("hierarchy");
@@ -198,7 +199,7 @@ mod tests {
             let surface = Surface::of(&clod, index);
             assert_eq!(surface.mesh.triangles().len(), level.triangles as usize);
             let report = surface.mesh.validate();
-            assert!(report.closed && report.manifold && report.oriented, "level {index} is sewn up");
+            assert!(report.closed && report.manifold && report.oriented, "level {index} is closed");
             assert!(!surface.neighbours.is_empty());
             for (a, b) in surface.neighbours {
                 let [a, b] = [a, b].map(|patch| colors[(level.nodes.start + patch) as usize]);
@@ -211,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_patch_keeps_the_colour_that_it_wants_where_it_is_free() {
+    fn patch_gets_the_wanted_colour_if_it_is_free() {
         assert_eq!(distinct(&[Some(3), None, Some(5)], &[(0, 1), (1, 2)])[2], 5);
         let both = distinct(&[Some(3), Some(3)], &[(0, 1)]);
         assert!(both.contains(&3) && both[0] != both[1], "{both:?}");
@@ -219,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn more_mutual_neighbours_than_colours_still_have_one_each() {
+    fn more_mutual_neighbours_than_colours_use_all_colours() {
         let count = PALETTE.len() as u32 + 3;
         let pairs: Vec<(u32, u32)> = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
         let colors = distinct(&vec![None; count as usize], &pairs);

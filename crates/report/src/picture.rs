@@ -1,9 +1,9 @@
-//! Pictures of 8 bits a channel in sRGB, written as PNG.
+//! Pictures with 8 bits per channel in sRGB, written as PNG.
 
 use std::io;
 use std::path::Path;
 
-/// A picture: rows from the top, each from the left.
+/// A picture, stored in rows from the top, each from the left.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
     width: u32,
@@ -11,7 +11,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// A picture of one colour.
+    /// Creates a picture of one colour.
     pub fn filled(width: u32, height: u32, color: [u8; 3]) -> Self {
         Self { width, pixels: vec![color; width as usize * height as usize] }
     }
@@ -31,12 +31,12 @@ impl Picture {
         &self.pixels
     }
 
-    /// All pixels, row by row, to be changed.
+    /// All pixels, row by row, mutable.
     pub fn pixels_mut(&mut self) -> &mut [[u8; 3]] {
         &mut self.pixels
     }
 
-    /// The pixel in a column and a row.
+    /// Returns the pixel in a column and a row.
     ///
     /// # Panics
     /// If it is outside the picture.
@@ -44,7 +44,7 @@ impl Picture {
         self.pixels[self.index(column, row)]
     }
 
-    /// Sets the pixel in a column and a row; outside the picture nothing changes.
+    /// Sets the pixel in a column and a row; pixels outside the picture are ignored.
     pub fn set(&mut self, column: u32, row: u32, color: [u8; 3]) {
         if column < self.width && row < self.height() {
             let index = self.index(column, row);
@@ -52,7 +52,8 @@ impl Picture {
         }
     }
 
-    /// Copies another picture into this one, as far as it fits, with its top left corner in a column and a row.
+    /// Copies another picture into this one with its top left corner in a column and a row; parts outside are
+    /// clipped.
     pub fn place(&mut self, other: &Self, left: u32, top: u32) {
         for row in 0..other.height() {
             for column in 0..other.width {
@@ -61,7 +62,7 @@ impl Picture {
         }
     }
 
-    /// The picture at a smaller size: each pixel is the mean of those that it covers at least in part.
+    /// Returns the picture at a smaller size. Each pixel is the mean of those that it covers, even in part.
     #[must_use]
     pub fn reduced(&self, width: u32, height: u32) -> Self {
         let covered = |index: u32, from: u32, to: u32| {
@@ -87,10 +88,10 @@ impl Picture {
         reduced
     }
 
-    /// The picture as a PNG file.
+    /// Encodes the picture as a PNG file.
     ///
     /// # Errors
-    /// If it cannot be encoded: a picture without pixels cannot.
+    /// If it cannot be encoded, for example because it has no pixels.
     pub fn to_png(&self) -> io::Result<Vec<u8>> {
         let mut file = Vec::new();
         let mut encoder = png::Encoder::new(&mut file, self.width, self.height());
@@ -128,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_holds_the_picture() {
+    fn png_holds_the_picture() {
         let picture = gradient(7, 5);
         let read = image::load_from_memory(&picture.to_png().expect("PNG")).expect("a picture").to_rgb8();
         assert_eq!(read.dimensions(), (picture.width(), picture.height()));
@@ -137,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reduced_picture_keeps_means() {
+    fn reduced_picture_has_the_means() {
         let reduced = gradient(8, 4).reduced(4, 2);
         // The mean of columns 2 and 3, and of rows 2 and 3: halves are rounded up.
         assert_eq!(reduced.pixel(1, 1)[..2], [3, 3]);
@@ -145,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_left_out() {
+    fn placed_picture_is_clipped() {
         let mut picture = Picture::filled(4, 4, [9; 3]);
         picture.place(&gradient(3, 3), 2, 3);
         assert_eq!(

@@ -1,31 +1,31 @@
-//! Draws figures as SVG.
+//! Plots of curves as SVG.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-/// One curve.
+/// A curve.
 #[derive(Clone, Debug)]
 pub struct Curve {
-    /// What the legend says.
+    /// Text of the legend.
     pub name: String,
-    /// In the order of the first value.
+    /// Points in order of the first value.
     pub points: Vec<(f64, f64)>,
 }
 
-/// One plot.
+/// A plot.
 #[derive(Clone, Debug)]
 pub struct Figure {
-    /// What it shows, to be written below it.
+    /// Caption below the plot.
     pub caption: String,
-    /// What the values are over, with its unit: `s` for time.
+    /// Label of the horizontal axis with its unit: `s` for time.
     pub across: String,
-    /// Unit of the values.
+    /// Unit of the vertical axis.
     pub axis: String,
-    /// At most as many as there are colours: six.
+    /// Curves, at most six, the number of colours.
     pub curves: Vec<Curve>,
 }
 
-/// A plot could not be drawn.
+/// Error: a plot could not be drawn.
 #[derive(Debug, thiserror::Error)]
 #[error("a plot could not be drawn: {0}")]
 pub struct PlotError(String);
@@ -38,7 +38,7 @@ impl PlotError {
 
 const SIZE: (u32, u32) = (960, 260);
 /// Height of the legend above a plot with several curves, pixels.
-const LEGEND: i32 = 24;
+const LEGEND_HEIGHT: i32 = 24;
 pub(crate) const COLOURS: [RGBColor; 6] = [
     RGBColor(31, 96, 168),
     RGBColor(205, 97, 30),
@@ -48,7 +48,7 @@ pub(crate) const COLOURS: [RGBColor; 6] = [
     RGBColor(90, 107, 123),
 ];
 
-/// Figures below one another as one SVG document, without their captions.
+/// Draws figures below one another as an SVG document, without their captions.
 ///
 /// # Errors
 /// If a figure has more curves than there are colours, or cannot be drawn.
@@ -72,17 +72,15 @@ fn draw_one(
     figure: &Figure,
 ) -> Result<(), Box<dyn std::error::Error>> {
     if figure.curves.len() > COLOURS.len() {
-        return Err(
-            format!("{} curves, of which {} can be told apart", figure.curves.len(), COLOURS.len()).into()
-        );
+        return Err(format!("{} curves, but only {} colours", figure.curves.len(), COLOURS.len()).into());
     }
     let finite: Vec<Curve> = figure.curves.iter().map(only_finite).collect();
     let points = || finite.iter().flat_map(|curve| &curve.points);
     let (start, end) = range(points().map(|point| point.0));
     let (_, top) = range(points().map(|point| point.1));
-    // The legend stands above the curves, which it would hide.
+    // The legend is above the plot, where it hides no curve.
     let (legend, area) = if figure.curves.len() > 1 {
-        let (above, below) = area.split_vertically(LEGEND);
+        let (above, below) = area.split_vertically(LEGEND_HEIGHT);
         (Some(above), below)
     } else {
         (None, area.clone())
@@ -110,18 +108,18 @@ fn draw_one(
     Ok(())
 }
 
-/// The names of the curves beside one another, each behind a piece of its line.
+/// Draws the names of the curves in a row, each after a piece of its line.
 fn draw_legend(
     area: &DrawingArea<SVGBackend<'_>, Shift>,
     curves: &[Curve],
 ) -> Result<(), Box<dyn std::error::Error>> {
-    /// About the width of a letter, pixels.
-    const LETTER: i32 = 8;
-    let (mut x, y) = (72, LEGEND / 2);
+    /// Approximate width of a letter, pixels.
+    const LETTER_WIDTH: i32 = 8;
+    let (mut x, y) = (72, LEGEND_HEIGHT / 2);
     for (Curve { name, .. }, colour) in curves.iter().zip(COLOURS) {
         area.draw(&PathElement::new([(x, y), (x + 20, y)], colour.stroke_width(2)))?;
         area.draw(&Text::new(name.as_str(), (x + 26, y - 7), ("sans-serif", 13)))?;
-        x += 26 + LETTER * name.chars().count() as i32 + 20;
+        x += 26 + LETTER_WIDTH * name.chars().count() as i32 + 20;
     }
     Ok(())
 }
@@ -131,7 +129,7 @@ pub(crate) fn only_finite(curve: &Curve) -> Curve {
     Curve { name: curve.name.clone(), points: points.collect() }
 }
 
-/// The least and greatest of `values`, widened where an axis would have no length.
+/// Returns the range of `values`, widened if an axis would have no length.
 fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) =
         values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
@@ -146,9 +144,9 @@ fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
 mod tests {
     use super::*;
 
-    /// The legend stands above the curves: none of its text is lower than the highest point of a curve.
+    /// The text of the legend is above the highest point of the curves.
     #[test]
-    fn the_legend_hides_no_curve() {
+    fn legend_hides_no_curve() {
         let curve =
             |name: &str, top: f64| Curve { name: name.to_owned(), points: vec![(0.0, top), (1.0, 0.0)] };
         let figure = Figure {

@@ -1,17 +1,17 @@
-//! Numbers as a person reads them: three significant digits, and the prefix of the unit that suits them.
+//! Formatting of quantities: three significant digits, and a suitable prefix of the unit.
 
-/// Significant digits.
+/// Number of significant digits.
 const DIGITS: i32 = 3;
 
-/// Prefixes and what they multiply by, smallest first.
+/// Prefixes and their factors, smallest first.
 const PREFIXES: [(&str, f64); 6] = [("n", 1e-9), ("µ", 1e-6), ("m", 1e-3), ("", 1.0), ("k", 1e3), ("M", 1e6)];
 
-/// A quantity in the unit `unit`, with the prefix that leaves one to three digits before the point.
+/// Formats a quantity in the unit `unit`, with the prefix that leaves one to three digits before the point.
 pub(crate) fn quantity(value: f64, unit: &str) -> String {
     with_prefixes(value, unit, &PREFIXES)
 }
 
-/// A length given in metres: in millimetres, as parts are measured, but for what is much smaller or larger.
+/// Formats a length given in metres: in millimetres, unless it is much smaller or larger.
 pub(crate) fn length(metres: f64) -> String {
     let size = metres.abs();
     match size {
@@ -20,7 +20,7 @@ pub(crate) fn length(metres: f64) -> String {
     }
 }
 
-/// A force given in newtons: in newtons, but for what is much smaller or larger.
+/// Formats a force given in newtons: without a prefix, unless it is much smaller or larger.
 pub(crate) fn force(newtons: f64) -> String {
     if (1e-2..1e3).contains(&newtons.abs()) {
         format!("{} N", digits(newtons))
@@ -29,12 +29,12 @@ pub(crate) fn force(newtons: f64) -> String {
     }
 }
 
-/// A rate given in Hz.
+/// Formats a rate given in Hz.
 pub(crate) fn rate(hertz: f64) -> String {
     quantity(hertz, "Hz")
 }
 
-/// A number with three significant digits.
+/// Formats a number with three significant digits.
 pub(crate) fn digits(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return if value == 0.0 { "0".to_owned() } else { value.to_string() };
@@ -43,7 +43,7 @@ pub(crate) fn digits(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-/// The power of ten of the first digit, after rounding to three digits.
+/// Returns the power of ten of the first digit, after rounding to three digits.
 fn magnitude(value: f64) -> i32 {
     let exponent = value.abs().log10().floor() as i32;
     let unit = 10.0_f64.powi(exponent - DIGITS + 1);
@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn three_digits_and_a_prefix_that_suits() {
+    fn quantities_have_three_digits_and_a_suitable_prefix() {
         for (value, unit, expected) in [
             (16_975e-9, "s", "17.0 µs"),
             (999.96e-6, "s", "1.00 ms"),

@@ -1,9 +1,9 @@
-//! A small software renderer: triangles with a depth buffer in perspective, two lights and ambient occlusion, nine
-//! samples a pixel.
+//! A small software renderer: triangles in perspective with a depth buffer, two lights, ambient occlusion and
+//! nine samples per pixel.
 //!
-//! Rasterisation leaves depth, normal and triangle of each sample; shading is a second pass over the samples, so that
-//! its cost does not depend on the number of triangles. A [`Camera`] is fitted to a set of points once and then draws any
-//! number of scenes alike.
+//! Rasterisation stores depth, normal and triangle of each sample. Shading is a second pass over the samples,
+//! so its cost does not depend on the number of triangles. A [`Camera`] is fitted to a set of points once and
+//! then draws any number of scenes in the same way.
 
 use palpate::TriMesh;
 use palpate::glam::{DMat3, DQuat, DVec3, Vec3};
@@ -11,97 +11,97 @@ use rayon::prelude::*;
 
 use crate::picture::Picture;
 
-/// Samples a pixel, along each side.
+/// Number of samples along each side of a pixel.
 const SAMPLES: usize = 3;
 /// Vertical field of view, rad.
 const FIELD_OF_VIEW: f64 = 0.42;
-/// What the scene is enlarged by when it is fitted, so that it leaves a margin.
+/// Factor by which the fitted field exceeds the scene, so that there is a margin.
 const MARGIN: f64 = 1.08;
-/// Faces that meet at less than this angle are shaded as one smooth surface: its cosine (35°).
+/// Cosine of the angle between faces above which they are shaded as one smooth surface (35°).
 const CREASE_COSINE: f32 = 0.82;
-/// Colour of a plainly painted surface seen from inside: it shows where a mesh is not oriented outwards.
+/// Colour of the inside of a plainly painted surface, linear RGB. It shows where a mesh is not oriented
+/// outwards.
 const INSIDE: Vec3 = Vec3::new(0.9, 0.05, 0.2);
-/// What is left of a face's own colour when it is seen from inside.
+/// Factor on a face's colour when its inside is visible.
 const INSIDE_DIMMED: f32 = 0.4;
-/// What is left of a colour under a line.
+/// Factor on a colour under a line.
 const LINE_DIMMED: f32 = 0.25;
 
 /// A mesh in the scene.
 #[derive(Clone, Copy, Debug)]
 pub struct Item<'a> {
-    /// The mesh, in its own frame.
+    /// Mesh in its own frame.
     pub mesh: &'a TriMesh,
-    /// Its colours.
+    /// Colours of the mesh.
     pub paint: Paint<'a>,
-    /// Turns the mesh's frame into the scene's.
+    /// Rotation from the mesh's frame to the scene's.
     pub rotation: DQuat,
-    /// Where the mesh's origin lies in the scene, m.
+    /// Position of the mesh's origin in the scene, m.
     pub translation: DVec3,
 }
 
 impl<'a> Item<'a> {
-    /// A mesh in its own frame, of one colour (linear RGB, 0 to 1).
+    /// Returns a mesh at the scene's origin, in one colour (linear RGB, 0 to 1).
     pub const fn new(mesh: &'a TriMesh, color: [f32; 3]) -> Self {
         Self::painted(mesh, Paint::Plain(color))
     }
 
-    /// A mesh in its own frame.
+    /// Returns a mesh at the scene's origin.
     pub const fn painted(mesh: &'a TriMesh, paint: Paint<'a>) -> Self {
         Self { mesh, paint, rotation: DQuat::IDENTITY, translation: DVec3::ZERO }
     }
 }
 
-/// The colours of a mesh.
+/// Colours of a mesh.
 #[derive(Clone, Copy, Debug)]
 pub enum Paint<'a> {
-    /// One colour: linear RGB, 0 to 1. What is seen from inside is red.
+    /// One colour: linear RGB, 0 to 1. The inside is red.
     Plain([f32; 3]),
-    /// One face for each triangle of the mesh, in their order. Triangles that have no face are not drawn.
+    /// One face for each triangle of the mesh, in order. Triangles without a face are not drawn.
     Faces(&'a [Face]),
 }
 
-/// How one triangle is drawn.
+/// Appearance of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Face {
-    /// Linear RGB, 0 to 1.
+    /// Colour, linear RGB, 0 to 1.
     pub color: [f32; 3],
-    /// Whether a dark line runs along the edge opposite each corner.
+    /// Whether there is a dark line along the edge opposite each corner.
     pub lined: [bool; 3],
 }
 
-/// How surfaces are drawn.
+/// Shading of surfaces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shading {
-    /// Smooth, with creases, without lines.
+    /// Smooth shading with creases, without lines.
     Smooth,
-    /// Flat triangles with dark lines of the given width (pixels) along the edges that are to have one; along all of a
-    /// plainly painted mesh.
+    /// Flat shading with dark lines along the marked edges, or along all edges of a plainly painted mesh.
     Flat {
-        /// Pixels; none are drawn at 0.
+        /// Width of lines, pixels; 0 for no lines.
         line_width: f64,
     },
 }
 
-/// From where the scene is seen. It is centred and fitted into the picture.
+/// Direction of view. The scene is centred and fitted into the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
-    /// Direction of the camera about z, from x towards y, rad.
+    /// Azimuth of the camera about z, from x towards y, rad.
     pub azimuth: f64,
-    /// Angle of the camera above the horizon, rad.
+    /// Elevation of the camera above the horizon, rad.
     pub elevation: f64,
-    /// Turn of the picture, clockwise, rad.
+    /// Rotation of the picture, clockwise, rad.
     pub roll: f64,
-    /// Magnification over the fitted scene.
+    /// Magnification relative to the fitted scene.
     pub zoom: f64,
 }
 
 impl View {
-    /// The view from a direction in degrees.
+    /// Returns the view from a direction in degrees.
     pub fn from_degrees(azimuth: f64, elevation: f64) -> Self {
         Self { azimuth: azimuth.to_radians(), elevation: elevation.to_radians(), roll: 0.0, zoom: 1.0 }
     }
 
-    /// Rotation from the scene's axes to the camera's: x right, y up, z towards the viewer.
+    /// Returns the rotation from the scene's axes to the camera's: x right, y up, z towards the viewer.
     pub(crate) fn to_camera(self) -> DMat3 {
         let (sin_azimuth, cos_azimuth) = self.azimuth.sin_cos();
         let (sin_elevation, cos_elevation) = self.elevation.sin_cos();
@@ -116,19 +116,19 @@ impl View {
 #[derive(Clone, Debug)]
 pub struct Camera {
     to_camera: DMat3,
-    /// The eye, in camera axes, m.
+    /// Position of the eye in camera axes, m.
     eye: DVec3,
-    /// Half the height of what is seen at the middle of the scene, m: the camera's unit of length.
+    /// Half the height of the field at the centre of the scene, m: the camera's unit of length.
     reach: f64,
     /// Samples per unit of (lateral position / depth).
     focal: f64,
-    /// Pixels.
+    /// Size of the picture, pixels.
     width: usize,
     height: usize,
 }
 
 impl Camera {
-    /// A camera that has all `points` (m) in its picture of `width` × `height` pixels.
+    /// Creates a camera whose picture of `width` × `height` pixels contains all `points` (m).
     pub fn fit<'p>(
         points: impl IntoIterator<Item = &'p DVec3>,
         view: &View,
@@ -192,36 +192,37 @@ impl Camera {
     }
 }
 
-/// The colours of a triangle, linear RGB.
+/// Colours of a triangle, linear RGB.
 #[derive(Clone, Copy)]
 struct SeenFace {
     outside: Vec3,
     inside: Vec3,
 }
 
-/// What the rasteriser leaves at a sample.
+/// Surface at a sample.
 #[derive(Clone, Copy)]
 struct Sample {
     /// Distance along the view direction; infinite for the background.
     depth: f32,
     normal: Vec3,
-    /// Counted over all items.
+    /// Index of the triangle among all items.
     triangle: u32,
     line: bool,
 }
 
-/// What is seen, in camera axes with the eye as origin and the camera's reach as the unit of length.
+/// Samples of a picture, in camera axes with the eye as origin and the camera's reach as the unit of length.
 struct Frame {
     samples: Vec<Sample>,
     columns: usize,
     rows: usize,
     /// Samples per unit of (lateral position / depth).
     focal: f64,
-    /// Number of the next item's first triangle.
+    /// Index of the current item's first triangle.
     first: u32,
 }
 
 impl Frame {
+    /// Rasterises the triangles of an item.
     fn draw(
         &mut self,
         triangles: &[[u32; 3]],
@@ -240,6 +241,7 @@ impl Frame {
             if corners.iter().any(|corner| corner.z > nearest) {
                 continue;
             }
+            // Project the corners onto the grid of samples.
             let lined = lined(index);
             let screen = corners.map(|corner| {
                 let scale = self.focal / -corner.z;
@@ -253,12 +255,13 @@ impl Frame {
             let bounds = |values: [f64; 3], limit: usize| {
                 let low = values.iter().copied().fold(f64::INFINITY, f64::min);
                 let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-                // Casts saturate, so what lies off the picture gives an empty range.
+                // Casts saturate, so a triangle outside of the picture has an empty range.
                 ((low - 0.5).ceil().max(0.0) as usize, ((high + 0.5).floor().max(0.0) as usize).min(limit))
             };
             let (left, stop_x) = bounds(screen.map(|point| point.0), self.columns);
             let (top, stop_y) = bounds(screen.map(|point| point.1), self.rows);
-            // Heights of the triangle over its sides, in samples: they turn barycentric into distance from an edge.
+            // Heights of the triangle over its sides, in samples: barycentric weight times height is the
+            // distance from the side.
             let heights = [0, 1, 2].map(|k| {
                 let (a, b) = (screen[(k + 1) % 3], screen[(k + 2) % 3]);
                 twice_area.abs() / (a.0 - b.0).hypot(a.1 - b.1)
@@ -277,7 +280,8 @@ impl Frame {
                     if weights.iter().any(|weight| *weight < 0.0) {
                         continue;
                     }
-                    // Weights are linear on the picture; divided by depth they are linear on the triangle.
+                    // Perspective correction: weights are linear in the picture; divided by depth they are
+                    // linear on the triangle.
                     let inverse = [0, 1, 2].map(|k| weights[k] / -corners[k].z);
                     let depth = (1.0 / inverse.iter().sum::<f64>()) as f32;
                     let sample = &mut self.samples[y * self.columns + x];
@@ -292,11 +296,11 @@ impl Frame {
         }
     }
 
-    /// The picture: each pixel the average of its samples over a light background.
+    /// Shades the picture: each pixel is the mean of its samples, over a light background.
     fn picture(&self, faces: &[SeenFace]) -> Picture {
         let (width, height) = (self.columns / SAMPLES, self.rows / SAMPLES);
         let mut picture = Picture::filled(width as u32, height as u32, [0; 3]);
-        // Each row is computed by itself, so the picture is the same whatever the number of threads.
+        // Rows are independent, so the picture does not depend on the number of threads.
         picture.pixels_mut().par_chunks_exact_mut(width).enumerate().for_each(|(y, row)| {
             let down = y as f32 / height as f32;
             let paper = Vec3::new(0.80, 0.82, 0.85) * (1.0 - 0.35 * down * down);
@@ -314,7 +318,7 @@ impl Frame {
         picture
     }
 
-    /// Colour of a sample in linear light; none where the background is seen.
+    /// Returns the linear colour of a sample; `None` for the background.
     fn shade(&self, column: usize, row: usize, faces: &[SeenFace]) -> Option<Vec3> {
         let sample = &self.samples[row * self.columns + column];
         if !sample.depth.is_finite() {
@@ -339,7 +343,7 @@ impl Frame {
         Some(if sample.line { LINE_DIMMED * shown } else { shown })
     }
 
-    /// Position in camera axes of what is seen at a sample.
+    /// Returns the position of the surface at a sample, in camera axes.
     fn position(&self, column: usize, row: usize, depth: f32) -> Vec3 {
         let scale = depth / self.focal as f32;
         Vec3::new(
@@ -349,12 +353,13 @@ impl Frame {
         )
     }
 
-    /// The part of the sky over a surface point that nothing nearby hides, 0 to 1, from the depths around its sample.
+    /// Returns the part of the sky over a surface point that is not occluded nearby, 0 to 1, from the depths
+    /// around its sample (screen-space ambient occlusion).
     fn openness(&self, column: usize, row: usize, seen: Vec3, normal: Vec3) -> f32 {
         const DIRECTIONS: usize = 12;
         const RADIUS: f32 = 0.10;
         let extent = RADIUS * self.focal as f32 / -seen.z;
-        // Turning the star of directions from sample to sample trades banding for noise, which averaging removes.
+        // Rotating the directions from sample to sample turns banding into noise, which averaging removes.
         let turn = ((column * 7 + row * 13) % 9) as f32 / 9.0;
         let mut hidden = 0.0;
         for direction in 0..DIRECTIONS {
@@ -379,14 +384,14 @@ impl Frame {
     }
 }
 
-/// Unit normals at the corners of each triangle.
+/// Returns the unit normals at the corners of each triangle.
 fn corner_normals(triangles: &[[u32; 3]], seen: &[DVec3], shading: Shading) -> Vec<[Vec3; 3]> {
     let weighted: Vec<Vec3> = triangles
         .iter()
         .map(|triangle| {
             let [a, b, c] = triangle.map(|vertex| seen[vertex as usize]);
             let cross = (b - a).cross(c - a);
-            // Scaled up before the cast: areas of fine meshes underflow when they are squared in f32.
+            // Scaled up before the cast, because squared areas of fine meshes underflow in f32.
             (cross * 1e6).as_vec3()
         })
         .collect();
@@ -394,6 +399,7 @@ fn corner_normals(triangles: &[[u32; 3]], seen: &[DVec3], shading: Shading) -> V
     if shading != Shading::Smooth {
         return faces.iter().map(|face| [*face; 3]).collect();
     }
+    // Triangles around each vertex, as a counting sort: `first` has the offset of each vertex in `around`.
     let mut first = vec![0_usize; seen.len() + 1];
     for vertex in triangles.iter().flatten() {
         first[*vertex as usize + 1] += 1;
@@ -426,7 +432,7 @@ fn corner_normals(triangles: &[[u32; 3]], seen: &[DVec3], shading: Shading) -> V
         .collect()
 }
 
-/// Linear RGB as sRGB.
+/// Converts linear RGB to sRGB.
 fn encode(linear: Vec3) -> [u8; 3] {
     linear.to_array().map(|value| {
         let encoded =
@@ -461,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearer_surface_hides_the_further_in_either_order() {
+    fn nearer_surface_hides_the_farther_in_either_order() {
         let (near, far) = (square(0.5, 0.3), square(-0.5, 1.0));
         let (near, far) = (Item::new(&near, RED), Item::new(&far, GREEN));
         for items in [[near, far], [far, near]] {
@@ -471,7 +477,7 @@ mod tests {
     }
 
     #[test]
-    fn a_square_covers_its_share_of_the_picture() {
+    fn square_covers_its_share_of_the_picture() {
         let mesh = square(0.0, 1.0);
         let picture = render(&[Item::new(&mesh, GREEN)], 0.0);
         let covered = picture.pixels().iter().filter(|pixel| pixel[1] / 3 > pixel[0] / 2).count();
@@ -480,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_seen_from_inside_stands_out() {
+    fn surface_seen_from_inside_stands_out() {
         let mesh = square(0.0, 1.0);
         let [r, g, _] = middle(&[Item::new(&mesh, GREEN)], 180.0);
         assert!(r > 2 * g, "({r}, {g}, _)");
@@ -494,10 +500,10 @@ mod tests {
     }
 
     #[test]
-    fn lines_run_along_the_edges_that_are_to_have_one_only() {
+    fn lines_run_along_marked_edges_only() {
         let mesh = square(0.0, 1.0);
         let camera = Camera::fit(mesh.vertices(), &View::from_degrees(0.0, 0.0), SIZE.0, SIZE.1);
-        // Dark pixels, when the diagonal's two triangles have lines along the given edges.
+        // Number of dark pixels if the two triangles have lines along the given edges.
         let dark = |lined: [[bool; 3]; 2], line_width: f64| {
             let faces = lined.map(|lined| Face { color: GREEN, lined });
             let item = Item::painted(&mesh, Paint::Faces(&faces));
@@ -508,18 +514,19 @@ mod tests {
         assert_eq!(dark([none, none], 4.0), 0.0);
         assert_eq!(dark([[true; 3]; 2], 0.0), 0.0);
         let side = f64::from(SIZE.1) / MARGIN;
-        // The first triangle's edge opposite its first corner is a side of the square, the one opposite its second corner
-        // the diagonal; half of a line's width lies in each of its triangles.
+        // The first triangle's edge opposite its first corner is a side of the square, the one opposite its
+        // second corner the diagonal; half of a line's width lies in each of its triangles.
         let straight = dark([[true, false, false], none], 10.0);
         assert!((straight / (5.0 * side) - 1.0).abs() < 0.05, "{straight} pixels");
         let diagonal = dark([[false, true, false], [false, false, true]], 10.0);
-        // The diagonal's ends are clipped to the square's corners: a triangle as high as half the line is wide.
+        // The diagonal's ends are clipped to the square's corners, by a triangle as high as half the line's
+        // width.
         let covered = 10.0 * (2.0_f64.sqrt() * side - 5.0);
         assert!((diagonal / covered - 1.0).abs() < 0.08, "{diagonal} pixels, not {covered}");
     }
 
     #[test]
-    fn the_unit_of_length_does_not_matter() {
+    fn unit_of_length_has_no_influence() {
         let pictures = [1.0, 1e-6, 1e6].map(|scale| {
             let mesh = square(0.3 * scale, scale);
             render(&[Item::new(&mesh, GREEN)], 30.0)
@@ -537,7 +544,7 @@ mod tests {
     }
 
     #[test]
-    fn a_painted_face_seen_from_inside_keeps_its_hue() {
+    fn painted_face_seen_from_inside_keeps_its_hue() {
         let mesh = square(0.0, 1.0);
         let faces = [Face { color: GREEN, lined: [false; 3] }; 2];
         let [r, g, _] = middle(&[Item::painted(&mesh, Paint::Faces(&faces))], 180.0);

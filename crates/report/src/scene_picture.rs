@@ -1,5 +1,5 @@
-//! A picture of the grasped object and the scene at one moment: the whole scene, and a close-up of the object, both from where
-//! most of the object is seen.
+//! A picture of the grasped object and the scene at one time: the whole scene, and a close-up of the object,
+//! both from the direction in which most of the object is visible.
 
 use palpate::glam::{DQuat, DVec3};
 use palpate::{Object, Pose, Record, Scene, TriMesh};
@@ -15,53 +15,55 @@ const PROBE: [f32; 3] = [0.06, 0.22, 0.60];
 const SCENE: [f32; 3] = [0.62, 0.60, 0.55];
 /// Size of each of the two pictures, pixels.
 const SIZE: (u32, u32) = (480, 360);
-/// Size of the pictures that directions are compared by.
-const TRIAL: (u32, u32) = (80, 60);
-/// Directions that are compared, degrees: all azimuths at all elevations.
+/// Size of the trial pictures by which directions are compared, pixels.
+const TRIAL_SIZE: (u32, u32) = (80, 60);
+/// Azimuths of the compared directions, degrees.
 const AZIMUTHS: [f64; 8] = [-60.0, -15.0, 30.0, 75.0, 120.0, 165.0, 210.0, 255.0];
+/// Elevations of the compared directions, degrees.
 const ELEVATIONS: [f64; 2] = [20.0, 50.0];
-/// How much of the object's surroundings the close-up shows: the size of what is fitted, in sizes of the object.
-const AROUND: f64 = 1.15;
+/// Size of the close-up's field, in sizes of the object.
+const CLOSE_UP_SIZE: f64 = 1.15;
 
-/// The moment of a session that is shown.
+/// Time of a session that the picture shows.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Moment<'a> {
     pub record: &'a Record,
-    why: Why,
+    reason: Reason,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Why {
+enum Reason {
     Deepest,
     Hardest,
     Last,
 }
 
 impl<'a> Moment<'a> {
-    /// The deepest penetration; the largest contact force where nothing was penetrated; the end where nothing was touched.
+    /// Returns the time of the deepest penetration; without penetration that of the largest contact force;
+    /// without contact the last one.
     pub fn of(records: &'a [Record]) -> Option<Self> {
         let largest = |value: &dyn Fn(&Record) -> f64| {
             let best = records.iter().max_by(|a, b| value(a).total_cmp(&value(b)))?;
             (value(best) > 0.0).then_some(best)
         };
-        let deepest = largest(&|record| record.depth).map(|record| Self { record, why: Why::Deepest });
+        let deepest = largest(&|record| record.depth).map(|record| Self { record, reason: Reason::Deepest });
         let hardest = || {
             let record = largest(&|record| record.contact.force.length())?;
-            Some(Self { record, why: Why::Hardest })
+            Some(Self { record, reason: Reason::Hardest })
         };
-        let last = || Some(Self { record: records.last()?, why: Why::Last });
+        let last = || Some(Self { record: records.last()?, reason: Reason::Last });
         deepest.or_else(hardest).or_else(last)
     }
 
-    /// What the picture shows.
+    /// Returns the caption of the picture.
     pub fn caption(&self, probe: &str) -> String {
-        let Self { record, why } = self;
-        let moment = match why {
-            Why::Deepest => format!("at its deepest penetration of {}", length(record.depth)),
-            Why::Hardest => {
+        let Self { record, reason } = self;
+        let moment = match reason {
+            Reason::Deepest => format!("at its deepest penetration of {}", length(record.depth)),
+            Reason::Hardest => {
                 format!("at the largest contact force of {}", force(record.contact.force.length()))
             }
-            Why::Last => "at the end; nothing was touched".to_owned(),
+            Reason::Last => "at the end; nothing was touched".to_owned(),
         };
         format!(
             "{probe} (blue) {moment}, after {}: the whole scene, and a close-up.",
@@ -70,7 +72,7 @@ impl<'a> Moment<'a> {
     }
 }
 
-/// The picture as a PNG file.
+/// Draws the picture and encodes it as a PNG file.
 ///
 /// # Errors
 /// If it cannot be encoded.
@@ -108,33 +110,33 @@ fn placed<'a>(mesh: &'a TriMesh, color: [f32; 3], pose: &Pose) -> Item<'a> {
     Item { rotation, translation, ..Item::new(mesh, color) }
 }
 
-/// The corners of the box around points, enlarged about its middle.
+/// Returns the corners of the bounding box of points, enlarged about its centre.
 fn enlarged(points: &[DVec3]) -> Vec<DVec3> {
     let ends = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let (low, high) = points.iter().fold(ends, |(low, high), point| (low.min(*point), high.max(*point)));
-    let (middle, half) = (0.5 * (low + high), 0.5 * AROUND * (high - low));
+    let (middle, half) = (0.5 * (low + high), 0.5 * CLOSE_UP_SIZE * (high - low));
     let sign = |bit: u8| if bit == 0 { -1.0 } else { 1.0 };
     (0..8_u8)
         .map(|corner| middle + half * DVec3::new(sign(corner & 1), sign(corner & 2), sign(corner & 4)))
         .collect()
 }
 
-/// The direction from which most of the grasped object is seen.
+/// Returns the view in which most of the grasped object is visible.
 fn clearest(items: &[Item<'_>], near: &[DVec3]) -> View {
     let views = ELEVATIONS
         .iter()
         .flat_map(|elevation| AZIMUTHS.map(|azimuth| View::from_degrees(azimuth, *elevation)));
     let seen = |view: &View| {
-        let picture = Camera::fit(near, view, TRIAL.0, TRIAL.1).render(items, Shading::Smooth);
+        let picture = Camera::fit(near, view, TRIAL_SIZE.0, TRIAL_SIZE.1).render(items, Shading::Smooth);
         picture.pixels().iter().filter(|pixel| is_probe(**pixel)).count()
     };
-    // The first of equals: from a little above.
+    // The first of equal ones, which has the lower elevation.
     let best =
         views.map(|view| (seen(&view), view)).reduce(|best, next| if next.0 > best.0 { next } else { best });
     best.map_or(View::from_degrees(AZIMUTHS[0], ELEVATIONS[0]), |(_, view)| view)
 }
 
-/// Whether a pixel has the grasped object's colour, however lit.
+/// Returns whether a pixel has the grasped object's colour, in any light.
 fn is_probe([red, _, blue]: [u8; 3]) -> bool {
     u16::from(blue) > u16::from(red) + 30
 }
@@ -161,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn the_moment_is_the_deepest_else_the_hardest_else_the_last() {
+    fn moment_is_that_of_depth_else_force_else_the_last() {
         let shown = |records: &[Record]| {
             Moment::of(records).map(|moment| (moment.record.time, moment.caption("cup")))
         };
@@ -175,9 +177,10 @@ mod tests {
         assert!(time == 2.0 && caption.contains("penetration of 0.400 mm"), "{caption}");
     }
 
-    /// The probe is seen although the scene's object hides it from most sides, and the picture is a small file.
+    /// The probe is visible although the scene's object hides it from most sides, and the picture is a small
+    /// file.
     #[test]
-    fn the_probe_is_seen() {
+    fn probe_is_visible() {
         let probe = Object::model("ellipsoid@500").expect("model");
         let wall = Object::model("block@300").expect("model");
         let size = wall.bounding_radius();

@@ -1,4 +1,4 @@
-//! The curves of a report, taken from a recording.
+//! Curves of a report, from a recording.
 
 use palpate::Record;
 use palpate::glam::DVec3;
@@ -7,10 +7,11 @@ use crate::plot::{Curve, Figure};
 
 /// Width of the windows in which rates are counted, s.
 const RATE_WINDOW: f64 = 0.1;
-/// Most points kept of a curve: a screen shows no more.
-const MOST_POINTS: usize = 1600;
+/// Maximum number of points of a curve; a screen shows no more.
+const MAX_POINTS: usize = 1600;
 
-/// One plot a quantity, so that none hides another; `grasp` is where the hand holds the object, in the mesh's frame, m.
+/// Returns a plot per quantity, so that no curve hides another; `grasp` is the point at which the hand holds
+/// the object, in the mesh's frame, m.
 pub(crate) fn figures(records: &[Record], grasp: DVec3) -> Vec<Figure> {
     let curve = |name: &str, value: &dyn Fn(&Record) -> f64| Curve {
         name: name.to_owned(),
@@ -39,7 +40,7 @@ pub(crate) fn figures(records: &[Record], grasp: DVec3) -> Vec<Figure> {
             curve("torque", &|r| 1e3 * r.coupling.torque.length()),
         ),
         figure(
-            "How far the grasped object stays behind the hand, at the grasp.",
+            "Distance of the grasped object behind the hand, at the grasp.",
             "mm",
             curve("distance", &|r| 1e3 * r.stretch(grasp)),
         ),
@@ -49,24 +50,24 @@ pub(crate) fn figures(records: &[Record], grasp: DVec3) -> Vec<Figure> {
             curve("contacts", &|r| f64::from(r.contacts)),
         ),
         figure(
-            "Haptic steps a second, in windows of 0.1 s.",
+            "Haptic steps per second, in windows of 0.1 s.",
             "Hz",
             Curve { name: "haptic".to_owned(), points: haptic },
         ),
         figure(
-            "Contact models a second, in windows of 0.1 s.",
+            "Contact models per second, in windows of 0.1 s.",
             "Hz",
             Curve { name: "contact".to_owned(), points: contact },
         ),
     ]
 }
 
-/// When each contact model was first in use.
+/// Iterates over the times at which contact models were first used, s.
 fn model_times(records: &[Record]) -> impl Iterator<Item = f64> + '_ {
     let mut last = f64::NAN;
     records.iter().filter_map(move |record| {
         let made = record.time - record.model_age;
-        // The same model seen a step later gives the same time but for rounding.
+        // A step later the same model gives the same time, except for rounding.
         let same = (made - last).abs() < 1e-9;
         let fresh = made.is_finite() && !same;
         last = if made.is_finite() { made } else { last };
@@ -74,15 +75,16 @@ fn model_times(records: &[Record]) -> impl Iterator<Item = f64> + '_ {
     })
 }
 
-/// Events a second in windows of [`RATE_WINDOW`] up to time `end` (s), at the middle of each; an incomplete window at
-/// the end is left out. A window includes its end, where the step that completes it is.
+/// Returns the rate of events in windows of [`RATE_WINDOW`] up to time `end` (s), at the centre of each. An
+/// incomplete window at the end is left out. A window includes its end, at which the step that completes it
+/// is.
 fn rate(times: impl Iterator<Item = f64>, end: f64) -> Vec<(f64, f64)> {
-    // Times are products of periods: the slack absorbs their rounding.
-    const SLACK: f64 = 1e-6;
-    let complete = (end / RATE_WINDOW + SLACK).max(0.0) as usize;
+    // Times are multiples of periods; the tolerance absorbs their rounding.
+    const TOLERANCE: f64 = 1e-6;
+    let complete = (end / RATE_WINDOW + TOLERANCE).max(0.0) as usize;
     let mut counts = vec![0u32; complete];
     for time in times {
-        let window = ((time / RATE_WINDOW - SLACK).ceil() - 1.0).max(0.0) as usize;
+        let window = ((time / RATE_WINDOW - TOLERANCE).ceil() - 1.0).max(0.0) as usize;
         if let Some(count) = counts.get_mut(window) {
             *count += 1;
         }
@@ -93,12 +95,12 @@ fn rate(times: impl Iterator<Item = f64>, end: f64) -> Vec<(f64, f64)> {
     counts.iter().enumerate().map(point).collect()
 }
 
-/// Keeps the least and the greatest value of each run of points, so that no peak is lost.
+/// Thins a curve. The smallest and largest value of each run of points are kept, so that no peak is lost.
 fn thin(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
-    if points.len() <= MOST_POINTS {
+    if points.len() <= MAX_POINTS {
         return points;
     }
-    let run = points.len().div_ceil(MOST_POINTS / 2);
+    let run = points.len().div_ceil(MAX_POINTS / 2);
     let by_value = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
     points
         .chunks(run)
@@ -121,13 +123,13 @@ mod tests {
         points[54_321].1 = 7.0;
         points[99_999].1 = -3.0;
         let kept = thin(points);
-        assert!(kept.len() <= MOST_POINTS + 2, "{}", kept.len());
+        assert!(kept.len() <= MAX_POINTS + 2, "{}", kept.len());
         assert!(kept.contains(&(54_321.0, 7.0)) && kept.contains(&(99_999.0, -3.0)));
         assert!(kept.is_sorted_by(|a, b| a.0 <= b.0));
     }
 
-    /// Held far from the mesh's origin and turned a little about the grasp, the object is nowhere near as far behind as its
-    /// origin is.
+    /// If the object is held far from the mesh's origin and rotated slightly about the grasp, its distance is
+    /// much smaller than that of its origin.
     #[test]
     fn distance_is_measured_at_the_grasp() {
         use palpate::Pose;
@@ -158,8 +160,8 @@ mod tests {
     }
 
     #[test]
-    fn rate_counts_events_a_second() {
-        // One second and a little more, at a rate whose multiples round both ways.
+    fn rate_counts_events_per_second() {
+        // Slightly more than a second, at a rate whose multiples round both up and down.
         let rates = rate((1..=1040).map(|i| f64::from(i) * 1e-3), 1.04);
         assert_eq!(rates.len(), 10, "the incomplete window is left out");
         assert!(rates.iter().all(|&(_, hz)| (hz - 1000.0).abs() < 1e-9), "{rates:?}");
@@ -168,10 +170,11 @@ mod tests {
     }
 
     #[test]
-    fn a_contact_model_counts_once() {
+    fn contact_model_counts_once() {
         let pose = palpate::Pose::IDENTITY;
         let wrench = palpate::Wrench::ZERO;
-        // Models of the times 0, 0.003, 0.006 …, each in use for three steps from 2 ms after on; none at first.
+        // Models of the times 0, 0.003, 0.006 …, each used for three steps, from 2 ms later; no model at
+        // first.
         let record = |step: i32| palpate::Record {
             time: f64::from(step) * 1e-3,
             device: pose,

@@ -1,4 +1,4 @@
-//! The settings of a session as rows for a person to read.
+//! Settings of a session as readable rows.
 
 use palpate::Settings;
 use serde_json::Value;
@@ -41,7 +41,7 @@ const UNITS: [(&str, &str); 34] = [
     ("tool.unusual_size", ""),
 ];
 
-/// A row a setting.
+/// Returns a row per setting: label and value with unit.
 pub(crate) fn rows(settings: &Settings) -> Vec<(String, String)> {
     let values = serde_json::to_value(settings).unwrap_or_default();
     UNITS
@@ -58,6 +58,7 @@ pub(crate) fn rows(settings: &Settings) -> Vec<(String, String)> {
         .collect()
 }
 
+/// Formats a JSON value as text.
 fn words(value: &Value) -> String {
     match value {
         Value::Bool(true) => "on".to_owned(),
@@ -70,12 +71,12 @@ fn words(value: &Value) -> String {
                 fields.iter().map(|(name, value)| format!("{name} {}", words(value))).collect();
             fields.join(", ")
         }
-        // An infinite limit is written as null: there is none.
+        // An infinite limit is serialized as null.
         Value::Null => "none".to_owned(),
     }
 }
 
-/// A number with at most six significant digits.
+/// Formats a number with at most six significant digits.
 fn short(number: f64) -> String {
     format!("{number:.5e}").parse::<f64>().unwrap_or(number).to_string()
 }

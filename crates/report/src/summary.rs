@@ -1,4 +1,4 @@
-//! What a session measured of itself, in plain words: first what was felt, then how well the loops kept up.
+//! Summary of a session in words: first what was felt, then how well the loops kept up.
 
 use palpate::telemetry::Percentiles;
 use palpate::{RealtimeSetup, Summary};
@@ -7,7 +7,7 @@ use crate::events::happened;
 use crate::grouped;
 use crate::quantity::{force, length, quantity, rate};
 
-/// What a session measured, as rows of a name and a value for a person to read.
+/// Returns a session's summary as readable rows of a name and a value.
 pub fn measured(summary: &Summary) -> Vec<(&'static str, String)> {
     let mut rows = felt(summary);
     rows.extend(kept_up(summary));
@@ -22,7 +22,7 @@ pub fn measured(summary: &Summary) -> Vec<(&'static str, String)> {
     rows
 }
 
-/// What was touched and felt.
+/// Returns rows about touch, depth and force.
 fn felt(summary: &Summary) -> Vec<(&'static str, String)> {
     let Some(first) = summary.first_touch_s else {
         return vec![
@@ -48,7 +48,7 @@ fn felt(summary: &Summary) -> Vec<(&'static str, String)> {
     ]
 }
 
-/// How well the loops kept up.
+/// Returns rows about rates, durations and deadlines.
 fn kept_up(summary: &Summary) -> Vec<(&'static str, String)> {
     let Summary { haptic, contact, .. } = summary;
     let simulated = haptic.scheduling == "lockstep";
@@ -86,7 +86,7 @@ fn kept_up(summary: &Summary) -> Vec<(&'static str, String)> {
     rows
 }
 
-/// Whether the wrenches that were sent kept what is promised of them.
+/// Describes whether the sent wrenches kept their invariants.
 fn promises(summary: &Summary) -> String {
     let broken = summary.invariants.iter().filter(|(_, kept)| kept.broken > 0);
     let broken: Vec<String> =
@@ -94,17 +94,17 @@ fn promises(summary: &Summary) -> String {
     if broken.is_empty() { "all kept".to_owned() } else { broken.join(", ") }
 }
 
-/// What the operating system did not grant a session, with the remedy for each.
+/// Describes the requests that the operating system did not grant, with the remedy for each.
 fn limits(setup: &RealtimeSetup) -> String {
     let limited = setup.limited();
     if limited.is_empty() {
-        return "all that was asked for was granted".to_owned();
+        return "all requests were granted".to_owned();
     }
     let said: Vec<String> = limited.iter().map(|(what, outcome)| format!("{what}: {outcome}")).collect();
     said.join("; ")
 }
 
-/// Times in units of `unit` (s).
+/// Formats percentiles of times in units of `unit` (s).
 fn percentiles(of: &Percentiles, unit: f64) -> String {
     let time = |value: f64| quantity(value * unit, "s");
     format!("median {}, p99 {}, p99.9 {}, max {}", time(of.p50), time(of.p99), time(of.p999), time(of.max))
@@ -125,7 +125,7 @@ mod tests {
         Outcome { state, detail: "as it is".to_owned(), remedy: remedy.map(str::to_owned) }
     }
 
-    /// Of a session that was granted all, where it was asked for.
+    /// Setup of a session in which all requests were granted.
     fn setup() -> RealtimeSetup {
         let granted = || outcome(State::Granted, None);
         let thread = |role| ThreadSetup {
@@ -141,9 +141,9 @@ mod tests {
     }
 
     #[test]
-    fn absent_privileges_are_named_with_the_remedy() {
+    fn missing_privileges_are_named_with_the_remedy() {
         let all = summary();
-        assert_eq!(value(&measured(&all), "real-time set-up"), "all that was asked for was granted");
+        assert_eq!(value(&measured(&all), "real-time set-up"), "all requests were granted");
         let mut setup = setup();
         setup.memory = outcome(State::Refused, Some("raise the limit"));
         setup.device = Some(ThreadSetup {
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_felt_comes_first_in_units_that_suit() {
+    fn felt_quantities_come_first_in_suitable_units() {
         let rows = measured(&summary());
         let first: Vec<&str> = rows[..5].iter().map(|(name, _)| *name).collect();
         assert_eq!(
@@ -229,12 +229,12 @@ mod tests {
         ] {
             assert_eq!(value(&rows, name), expected, "{name}");
         }
-        assert!(value(&rows, "slewed").starts_with("once: the change of the wrench"), "{rows:?}");
+        assert!(value(&rows, "slewed").starts_with("once: the rate of change of the wrench"), "{rows:?}");
         assert!(value(&rows, "saturated").starts_with("2,000 times: "), "{rows:?}");
     }
 
     #[test]
-    fn a_depth_of_zero_is_explained() {
+    fn depth_of_zero_is_explained() {
         let held = Summary { depth_max: 0.0, ..summary() };
         assert_eq!(
             value(&measured(&held), "deepest penetration"),
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn a_simulated_clock_is_never_late() {
+    fn simulated_clock_is_never_late() {
         let mut simulated = summary();
         simulated.haptic.scheduling = "lockstep".to_owned();
         simulated.contact.longer_than_slot = Some(2);

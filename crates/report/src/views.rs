@@ -1,11 +1,11 @@
-//! From where objects are drawn.
+//! Views from which objects are drawn.
 
 use palpate::glam::DVec3;
 use palpate::models::Model;
 
 use crate::raster::View;
 
-/// The direction that shows a built-in model best. Models stand with z upwards.
+/// Returns the view that shows a built-in model best. Models stand with z upwards.
 pub fn of_model(model: Model) -> View {
     let (azimuth, elevation) = match model {
         Model::LowerJaw => (65.0, 38.0),
@@ -24,7 +24,7 @@ pub fn of_model(model: Model) -> View {
         Model::Plate | Model::ForcepsJaw => (-60.0, 30.0),
         Model::GolfBall | Model::Ellipsoid => (-60.0, 25.0),
     };
-    // Long things fill the picture when they lie across it.
+    // Long objects fill the picture if they lie across it.
     let roll: f64 = match model {
         Model::Hammer => 55.0,
         Model::File | Model::Spoon | Model::SpoonLow => -24.0,
@@ -33,12 +33,12 @@ pub fn of_model(model: Model) -> View {
     View { roll: roll.to_radians(), ..View::from_degrees(azimuth, elevation) }
 }
 
-/// A three-quarter view from above of an object of which nothing is known but its points (m) and that z is upwards: of
-/// the directions around it, the one in which it is the least deep, so that its broadest side is seen.
+/// Returns a three-quarter view from above of an object, given its points (m), with z upwards. Of the
+/// directions around it, the one with the smallest depth is chosen, so that the broadest side is visible.
 pub fn around<'p>(points: impl IntoIterator<Item = &'p DVec3> + Clone) -> View {
     const STEP: f64 = 15.0;
     const ELEVATION: f64 = 30.0;
-    // Not along an axis, where a part made of boxes would show one side only.
+    // Directions along axes are left out, since a part made of boxes would show only one side.
     let azimuths = (0..24).map(|step| STEP * f64::from(step) - 60.0).filter(|azimuth| azimuth % 90.0 != 0.0);
     let views = azimuths.map(|azimuth| View::from_degrees(azimuth, ELEVATION));
     let depth = |view: &View| {
@@ -50,7 +50,7 @@ pub fn around<'p>(points: impl IntoIterator<Item = &'p DVec3> + Clone) -> View {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), z| (low.min(z), high.max(z)));
         high - low
     };
-    // Of equals, as for a ball, the first.
+    // The first of equal ones, as for a ball.
     views.min_by(|a, b| depth(a).total_cmp(&depth(b))).unwrap_or(View::from_degrees(-60.0, ELEVATION))
 }
 
@@ -59,8 +59,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_broad_side_of_a_plate_is_seen() {
-        // A plate in the plane through z and the horizontal direction at 30°: its normal is at 120° or at −60°.
+    fn broad_side_of_a_plate_is_visible() {
+        // A plate in the plane through z and the horizontal direction at 30°: its normal is at 120° or at
+        // −60°.
         let (sin, cos) = 30.0_f64.to_radians().sin_cos();
         let corners = [(-1.0, 0.0), (1.0, 0.0), (1.0, 0.3), (-1.0, 0.3)];
         let plate = corners.map(|(along, up)| DVec3::new(cos * along, sin * along, up));

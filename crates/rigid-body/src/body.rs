@@ -1,10 +1,10 @@
-//! The body: its mass, principal moments of inertia and axes, and where and how it moves (§5.2.1).
+//! The rigid body: mass, principal moments of inertia and their axes, and the state of motion (§5.2.1).
 
 use glam::{DMat3, DQuat, DVec3};
 use palpate_collide::Shape;
 use palpate_core::{Pose, Twist};
 
-/// Why a body was refused.
+/// Reason why a body was refused.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum BodyError {
     /// The mass is not a positive finite number.
@@ -12,16 +12,16 @@ pub enum BodyError {
         "body mass is {mass} kg; it must be positive and finite (is the mesh closed and the density positive?)"
     )]
     Mass {
-        /// The mass given, kg.
+        /// Mass that was given, kg.
         mass: f64,
     },
-    /// The inertia is not that of a solid.
+    /// No solid has this inertia.
     #[error(
         "body inertia {inertia} kg·m² has principal moments {moments}; give it symmetric, about the centre of mass, with \
          positive moments of which none exceeds the sum of the others"
     )]
     Inertia {
-        /// The inertia given, kg·m².
+        /// Inertia that was given, kg·m².
         inertia: DMat3,
         /// Its principal moments, kg·m².
         moments: DVec3,
@@ -29,31 +29,33 @@ pub enum BodyError {
     /// The centre of mass is not finite.
     #[error("the centre of mass, {center} m, is not finite")]
     Center {
-        /// The centre given, m.
+        /// Centre of mass that was given, m.
         center: DVec3,
     },
 }
 
-/// Relative slack of symmetry and of the triangle condition, on whose boundary thin plates and rods lie.
-const SLACK: f64 = 1e-6;
+/// Relative tolerance of the inertia's symmetry and triangle inequality. Thin plates and rods lie on the
+/// boundary of the latter, so without it rounding would refuse them.
+const INERTIA_TOLERANCE: f64 = 1e-6;
 
-/// Smallest principal moment, as part of the largest.
-const THINNEST: f64 = 1e-9;
+/// Smallest accepted ratio of principal moments. At smaller ones rotations about the axis of the smallest
+/// lose all digits.
+const MIN_MOMENT_RATIO: f64 = 1e-9;
 
-/// What resists acceleration, of a body in its own frame (the mesh's).
+/// Mass properties of a rigid body, in its own frame (the mesh's).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RigidBody {
     mass: f64,
     center: DVec3,
     /// Principal moments, kg·m².
     moments: DVec3,
-    /// From principal axes to the body's.
+    /// Rotation from principal axes to the body's.
     axes: DQuat,
 }
 
 impl RigidBody {
-    /// A body of a mass (kg), with its centre of mass in its frame (m) and its inertia about that, in the frame's axes
-    /// (kg·m²).
+    /// Creates a body from its mass (kg), its centre of mass in its frame (m), and its inertia about that, in
+    /// the frame's axes (kg·m²).
     ///
     /// # Errors
     /// If no solid has such a mass or inertia.
@@ -67,20 +69,21 @@ impl RigidBody {
         let (moments, axes) = principal(&inertia);
         let size = inertia.to_cols_array().iter().fold(0.0, |most: f64, x| most.max(x.abs()));
         let skewness = (inertia - inertia.transpose()).to_cols_array();
+        // A solid's inertia is symmetric and positive, and no moment exceeds the sum of the other two.
         let solid = inertia.is_finite()
-            && skewness.iter().all(|x| x.abs() <= SLACK * size)
-            && moments.min_element() > THINNEST * moments.max_element()
-            && 2.0 * moments.max_element() <= moments.element_sum() * (1.0 + SLACK);
+            && skewness.iter().all(|x| x.abs() <= INERTIA_TOLERANCE * size)
+            && moments.min_element() > MIN_MOMENT_RATIO * moments.max_element()
+            && 2.0 * moments.max_element() <= moments.element_sum() * (1.0 + INERTIA_TOLERANCE);
         if !solid {
             return Err(BodyError::Inertia { inertia, moments });
         }
         Ok(Self { mass, center, moments, axes })
     }
 
-    /// A solid of a mass (kg) and the same density everywhere, in the shape's frame.
+    /// Creates a solid of a mass (kg) and uniform density, in the shape's frame.
     ///
     /// # Errors
-    /// If the mass is none, or the shape is flat.
+    /// If the mass is not positive and finite, or the shape is flat.
     pub fn solid(shape: &Shape, mass: f64) -> Result<Self, BodyError> {
         let source = &shape.clod().source;
         Self::new(mass, source.center_of_mass, source.unit_inertia * mass)
@@ -101,18 +104,19 @@ impl RigidBody {
         (self.moments, self.axes)
     }
 
-    /// Where the body's frame is.
+    /// Returns the pose of the body's frame.
     pub fn frame(&self, state: &BodyState) -> Pose {
         let Pose { translation, rotation } = state.pose;
         Pose { translation: translation - rotation * self.center, rotation }
     }
 
-    /// A state whose frame is at a pose (m), with a velocity of the centre of mass and an angular velocity, world axes.
+    /// Returns the state with the body's frame at a pose, and the velocity of the centre of mass and angular
+    /// velocity of `twist`, world axes.
     pub fn state(&self, frame: &Pose, twist: Twist) -> BodyState {
         BodyState { pose: Pose { translation: frame.transform_point(self.center), ..*frame }, twist }
     }
 
-    /// The velocity of the origin of the body's frame, with the angular velocity, world axes.
+    /// Returns the velocity of the origin of the body's frame, and the angular velocity, world axes.
     pub fn frame_twist(&self, state: &BodyState) -> Twist {
         let arm = -(state.pose.rotation * self.center);
         Twist { linear: state.twist.velocity_at(arm), ..state.twist }
@@ -124,7 +128,7 @@ impl RigidBody {
         0.5 * (self.mass * state.twist.linear.length_squared() + (self.moments * spin).dot(spin))
     }
 
-    /// Energy in a field of gravity (m/s²), 0 with the centre of mass at the world's origin, J.
+    /// Potential energy under gravity (m/s²), J: 0 with the centre of mass at the world's origin.
     pub fn potential_energy(&self, state: &BodyState, gravity: DVec3) -> f64 {
         -self.mass * gravity.dot(state.pose.translation)
     }
@@ -135,19 +139,19 @@ impl RigidBody {
         to_world * (self.moments * (to_world.conjugate() * state.twist.angular))
     }
 
-    /// The rotation from principal axes to the world's.
+    /// Returns the rotation from principal axes to the world's.
     pub(crate) fn principal_rotation(&self, state: &BodyState) -> DQuat {
         state.pose.rotation * self.axes
     }
 
-    /// The inverse of the inertia, world axes, 1/(kg·m²).
+    /// Returns the inverse of the inertia, world axes, 1/(kg·m²).
     pub(crate) fn inverse_inertia(&self, state: &BodyState) -> DMat3 {
         let to_world = DMat3::from_quat(self.principal_rotation(state));
         to_world * DMat3::from_diagonal(self.moments.recip()) * to_world.transpose()
     }
 }
 
-/// Where a body is and how it moves.
+/// Pose and velocity of a body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BodyState {
     /// Placement of the body's axes; the translation is the centre of mass in the world, m.
@@ -157,18 +161,18 @@ pub struct BodyState {
 }
 
 impl BodyState {
-    /// A state without motion.
+    /// Returns a state at rest.
     pub const fn at_rest(pose: Pose) -> Self {
         Self { pose, twist: Twist::ZERO }
     }
 
-    /// Whether the pose is a rigid placement and every number is finite.
+    /// Returns whether the pose is a rigid placement and all numbers are finite.
     pub fn is_valid(&self) -> bool {
         self.pose.is_valid() && self.twist.is_finite()
     }
 }
 
-/// Principal moments of an inertia and the rotation from their axes, by cyclic Jacobi rotations.
+/// Returns the principal moments of an inertia and the rotation from their axes, by cyclic Jacobi rotations.
 fn principal(inertia: &DMat3) -> (DVec3, DQuat) {
     const SWEEPS: usize = 20;
     let mut matrix = (*inertia + inertia.transpose()) * 0.5;
@@ -179,6 +183,8 @@ fn principal(inertia: &DMat3) -> (DVec3, DQuat) {
             if off == 0.0 || !off.is_finite() {
                 continue;
             }
+            // The rotation by θ with cot 2θ = (a_qq − a_pp) / 2 a_pq makes a_pq zero; `tangent` is the
+            // smaller root of tan θ.
             let ratio = (matrix.col(q)[q] - matrix.col(p)[p]) / (2.0 * off);
             let tangent = ratio.signum() / (ratio.abs() + ratio.hypot(1.0));
             let cosine = tangent.hypot(1.0).recip();
@@ -188,7 +194,7 @@ fn principal(inertia: &DMat3) -> (DVec3, DQuat) {
             turn.col_mut(q)[p] = tangent * cosine;
             turn.col_mut(p)[q] = -tangent * cosine;
             matrix = turn.transpose() * matrix * turn;
-            // What a rotation makes zero, it makes zero but for rounding.
+            // These entries are zero except for rounding.
             matrix.col_mut(p)[q] = 0.0;
             matrix.col_mut(q)[p] = 0.0;
             axes *= turn;
@@ -203,7 +209,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn principal_axes_make_up_the_inertia_again() {
+    fn principal_axes_reproduce_the_inertia() {
         let moments = DVec3::new(1.0, 2.0, 2.5);
         for angle in [0.0, 0.3, 1.0, 2.7] {
             let turn =
@@ -219,10 +225,10 @@ mod tests {
     #[test]
     fn bodies_that_cannot_exist_are_refused() {
         let good = DMat3::from_diagonal(DVec3::new(1.0, 2.0, 2.5));
-        let of = |mass, inertia| RigidBody::new(mass, DVec3::ZERO, inertia);
-        assert!(of(1.0, good).is_ok());
+        let body = |mass, inertia| RigidBody::new(mass, DVec3::ZERO, inertia);
+        assert!(body(1.0, good).is_ok());
         for mass in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert!(matches!(of(mass, good), Err(BodyError::Mass { .. })));
+            assert!(matches!(body(mass, good), Err(BodyError::Mass { .. })));
         }
         let mut bent = good;
         bent.x_axis.y = 0.1;
@@ -232,9 +238,9 @@ mod tests {
         let others =
             [DMat3::ZERO, diagonal(-1.0, 1.0, 1.0), diagonal(1.0, 1.0, 2.1), diagonal(0.0, 1.0, 1.0)];
         for inertia in others.into_iter().chain([bent, broken]) {
-            assert!(matches!(of(1.0, inertia), Err(BodyError::Inertia { .. })), "{inertia}");
+            assert!(matches!(body(1.0, inertia), Err(BodyError::Inertia { .. })), "{inertia}");
         }
-        assert!(of(1.0, diagonal(1.0, 1.0, 2.0)).is_ok(), "a flat plate is a body");
+        assert!(body(1.0, diagonal(1.0, 1.0, 2.0)).is_ok(), "a flat plate is a body");
         let nowhere = RigidBody::new(1.0, DVec3::NAN, good);
         assert!(matches!(nowhere, Err(BodyError::Center { .. })));
     }

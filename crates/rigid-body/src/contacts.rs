@@ -1,11 +1,13 @@
-//! From the contacts of a query to the few that take impulses.
+//! Reduction of the contacts of a query to the few that take impulses.
 //!
-//! A query reports every pair of patches within reach, many of them next to one another: at full resolution dozens where
-//! one coarse pair would do. Of contacts that are near one another and face the same way the deepest stands for all.
+//! A query reports every pair of patches within reach, and many are close together: at full resolution dozens
+//! where one coarse pair would do. Of contacts that are close together with similar normals, the deepest
+//! represents all.
 //!
-//! And of each pair it reports one contact, the deepest point, while faces that lie on one another touch along an area.
-//! Where patches are large, corners of either that are as near to the plane of contact, and to the other's hull, are
-//! contacts as well. Impulses at the deepest point alone would make a body that rests on a face rock from corner to corner.
+//! A query reports only the deepest point of each pair, but faces that lie on one another touch along an
+//! area. So corners of large patches that are equally near to the plane of contact and to the other's hull
+//! become contacts as well. With impulses at the deepest point only, a body that rests on a face would rock
+//! from corner to corner.
 
 use glam::DVec3;
 use palpate_collide::convex::{Hull, Limits, Placement, Start, gjk};
@@ -14,12 +16,12 @@ use palpate_core::Pose;
 use palpate_core::clod::Node;
 
 use crate::body::BodyState;
-use crate::impact::{MOST, Touch};
+use crate::impact::{MAX_CONTACTS, Touch};
 
-/// Contacts nearer to one another than this part of the body's radius count as one, if
-const NEAR: f64 = 0.02;
-/// the cosine between their normals is more than this.
-const ALIKE: f64 = 0.95;
+/// Distance between contacts that may be merged, as a part of the body's radius.
+const MERGE_DISTANCE: f64 = 0.02;
+/// Smallest cosine between the normals of merged contacts.
+const MERGE_COSINE: f64 = 0.95;
 
 /// The touching contacts of a state.
 #[derive(Clone, Debug)]
@@ -29,24 +31,24 @@ pub struct Touching {
     depths: Vec<f64>,
     order: Vec<u32>,
     shapes: [Shape; 2],
-    /// m.
-    near: f64,
+    /// Distance between contacts that may be merged, m.
+    merge_distance: f64,
 }
 
 impl Touching {
-    /// For contacts of a body with a scene object.
+    /// Creates a workspace for contacts of a body with a scene object.
     pub fn new(body: &Shape, scene: &Shape) -> Self {
         Self {
-            touches: Vec::with_capacity(MOST),
-            depths: Vec::with_capacity(MOST),
+            touches: Vec::with_capacity(MAX_CONTACTS),
+            depths: Vec::with_capacity(MAX_CONTACTS),
             order: Vec::with_capacity(1024),
             shapes: [body.clone(), scene.clone()],
-            near: NEAR * body.clod().bounding_radius(),
+            merge_distance: MERGE_DISTANCE * body.clod().bounding_radius(),
         }
     }
 
-    /// Keeps, of a query's contacts between frames at two poses, those with gaps of at most `gap` (m), deepest first, and
-    /// of all corners on faces that touch.
+    /// Collects a query's contacts with gaps of at most `gap` (m), deepest first, and then corners of faces
+    /// that touch. `poses` are those of both frames.
     pub fn gather(&mut self, contacts: &[PatchContact], gap: f64, state: &BodyState, poses: [&Pose; 2]) {
         self.clear();
         let touches = (0..).zip(contacts).filter(|(_, found)| found.contact.depth >= -gap);
@@ -57,8 +59,9 @@ impl Touching {
             let contact = &contacts[self.order[position] as usize].contact;
             self.add(contact.point - state.pose.translation, -contact.normal, contact.depth);
         }
+        // Corners come last, so that they take only the places that contacts leave.
         for position in 0..self.order.len() {
-            if self.touches.len() == MOST {
+            if self.touches.len() == MAX_CONTACTS {
                 break;
             }
             let found = &contacts[self.order[position] as usize];
@@ -66,18 +69,18 @@ impl Touching {
         }
     }
 
-    /// Adds corners of the patches of a contact that touch the other's.
+    /// Adds corners of a contact's patches that touch the other patch.
     fn add_corners(&mut self, found: &PatchContact, gap: f64, state: &BodyState, poses: [&Pose; 2]) {
         let shapes = self.shapes.clone();
         let Some(nodes) = node(&shapes[0], found.probe_node).zip(node(&shapes[1], found.scene_node)) else {
             return;
         };
         let nodes: [Node; 2] = nodes.into();
-        if nodes.iter().any(|node| node.radius < self.near) {
+        if nodes.iter().any(|node| node.radius < self.merge_distance) {
             return;
         }
         let contact = &found.contact;
-        // Each body with the point on the other's plane, and with its own way out.
+        // For each body: a point of the other's plane of contact, and the direction out of this body.
         for (own, plane, outwards) in
             [(0, contact.scene_point, contact.normal), (1, contact.point, -contact.normal)]
         {
@@ -100,9 +103,11 @@ impl Touching {
     }
 
     fn add(&mut self, arm: DVec3, normal: DVec3, depth: f64) {
-        let stands_for = |kept: &Touch| kept.arm.distance(arm) < self.near && kept.normal.dot(normal) > ALIKE;
+        let represents = |kept: &Touch| {
+            kept.arm.distance(arm) < self.merge_distance && kept.normal.dot(normal) > MERGE_COSINE
+        };
         let finite = arm.is_finite() && normal.is_normalized();
-        if finite && self.touches.len() < MOST && !self.touches.iter().any(stands_for) {
+        if finite && self.touches.len() < MAX_CONTACTS && !self.touches.iter().any(represents) {
             self.touches.push(Touch::plastic(arm, normal));
             self.depths.push(depth);
         }
@@ -127,7 +132,7 @@ impl Touching {
         self.touches.iter_mut().zip(self.depths.iter().copied())
     }
 
-    /// m; negative infinity where nothing touches.
+    /// Largest depth, m; negative infinity if nothing touches.
     pub fn deepest(&self) -> f64 {
         self.depths.iter().copied().fold(f64::NEG_INFINITY, f64::max)
     }
@@ -137,7 +142,7 @@ fn node(shape: &Shape, index: u32) -> Option<Node> {
     shape.clod().get(index)
 }
 
-/// Whether a point comes as near as a gap (m) to a hull, placed in the point's frame.
+/// Returns whether a point is within a gap (m) of a hull that is placed in the point's frame.
 fn touches(point: DVec3, hull: &Hull, placement: &Placement, gap: f64) -> bool {
     let limits = Limits { beyond: gap, share: 0.0, enough: gap, precision: 1e-6 * gap };
     let points = [point];

@@ -1,23 +1,24 @@
-//! Free flight: ballistic, and turning freely (Eq. 2.2 without torque).
+//! Free flight: a ballistic path and torque-free rotation (Eq. 2.2 without torque).
 //!
-//! The centre of mass follows its parabola exactly. A free turn is split into turns about the principal axes one after the
-//! other, each of which is solved exactly: L_i stays, and the body turns by L_i/I_i τ about its axis i (symmetric, and three
-//! such steps make one of fourth order: Yoshida 1990). The splitting is symplectic: whatever the step, angular momentum
-//! stays the same to rounding, and the energy errs within bounds instead of drifting. A gyroscopic term integrated
-//! explicitly would gain energy.
+//! The centre of mass follows its parabola exactly. The rotation is split into rotations about the principal
+//! axes one after the other, each of which is solved exactly: L_i stays constant, and the body rotates by
+//! L_i/I_i τ about its axis i. The sequence is symmetric, and three such steps make one of fourth order
+//! (Yoshida 1990). The splitting is symplectic: for any step, angular momentum is constant to rounding, and
+//! the error of the energy is bounded instead of drifting. A gyroscopic term integrated explicitly would gain
+//! energy.
 
 use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
 
 use crate::body::{BodyState, RigidBody};
 
-/// Largest turn in one step of the splitting, rad.
-const TURN: f64 = 0.05;
+/// Largest rotation in one step of the splitting, rad. Larger values cost accuracy of the energy.
+const MAX_ROTATION: f64 = 0.05;
 
-/// Most steps that a flight is divided into: a body that spins faster still keeps its momentum.
-const STEPS: f64 = 4096.0;
+/// Maximum number of steps of a flight. A body that spins faster still conserves its momentum.
+const MAX_STEPS: f64 = 4096.0;
 
-/// A state after a flight of a duration (s) under gravity (m/s², world axes).
+/// Returns the state after a flight of a duration (s) under gravity (m/s², world axes).
 pub fn fly(body: &RigidBody, state: &BodyState, gravity: DVec3, duration: f64) -> BodyState {
     let Twist { linear, angular } = state.twist;
     let translation = state.pose.translation + duration * (linear + 0.5 * duration * gravity);
@@ -32,13 +33,14 @@ pub fn fly(body: &RigidBody, state: &BodyState, gravity: DVec3, duration: f64) -
     let momentum = body.angular_momentum(state);
     let mut rotation = body.principal_rotation(state);
     let mut local = rotation.conjugate() * momentum;
-    let steps = (angular.length() * duration.abs() / TURN).ceil().clamp(1.0, STEPS);
+    let steps = (angular.length() * duration.abs() / MAX_ROTATION).ceil().clamp(1.0, MAX_STEPS);
     let step = duration / steps;
-    // Yoshida's weights.
+    // Yoshida's weights of the three symmetric steps: w, 1 − 2 w, w with w = 1 / (2 − ∛2).
     let outer = 1.0 / (2.0 - 2f64.cbrt());
     let parts = [outer, 1.0 - 2.0 * outer, outer].map(|weight| weight * step);
     for _ in 0..steps as usize {
         for part in parts {
+            // Strang splitting: axes x, y by half, z in full, then back.
             for (axis, time) in
                 [(0, 0.5 * part), (1, 0.5 * part), (2, part), (1, 0.5 * part), (0, 0.5 * part)]
             {
@@ -60,7 +62,7 @@ mod tests {
 
     use super::*;
 
-    /// Turning about the middle axis, which is unstable, and about any other.
+    /// Bodies rotating about the middle axis, which is unstable, about a general one, and about a stable one.
     fn tumbling() -> [(RigidBody, BodyState); 3] {
         let inertia = DMat3::from_diagonal(DVec3::new(1e-5, 2e-5, 2.5e-5));
         let body = RigidBody::new(0.1, DVec3::new(0.01, 0.0, 0.02), inertia).unwrap();
@@ -75,7 +77,7 @@ mod tests {
     #[test]
     fn free_flight_keeps_energy_and_angular_momentum() {
         for (body, start) in tumbling() {
-            // Over a hundred seconds of fall energies would cancel that are a hundred thousand times as large.
+            // Without gravity: in a fall of 100 s, energies 1e5 times as large would cancel.
             let gravity = DVec3::ZERO;
             let (energy, momentum) = (body.kinetic_energy(&start), body.angular_momentum(&start));
             let mut state = start;
@@ -96,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fall_is_a_parabola_however_it_is_divided() {
+    fn fall_is_a_parabola_for_any_division() {
         let gravity = DVec3::new(0.0, 0.0, -9.81);
         for (body, start) in tumbling() {
             let whole = fly(&body, &start, gravity, 0.5);
@@ -111,9 +113,9 @@ mod tests {
         }
     }
 
-    /// With the gyroscopic term left out, as if ω stayed the same, angular momentum does not.
+    /// Without the gyroscopic term, with ω constant, angular momentum is not conserved.
     #[test]
-    fn a_constant_angular_velocity_would_not_do() {
+    fn constant_angular_velocity_violates_conservation() {
         let (body, start) = tumbling()[1];
         let pose = (0..1000).fold(start.pose, |pose, _| pose.moved(&start.twist, 1e-3));
         let momentum = body.angular_momentum(&start);
@@ -122,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn a_symmetric_top_precesses_as_it_should() {
+    fn symmetric_top_precesses_at_the_known_rate() {
         let (flat, tall) = (2e-5, 1e-5);
         let inertia = DMat3::from_diagonal(DVec3::new(flat, flat, tall));
         let body = RigidBody::new(0.1, DVec3::ZERO, inertia).unwrap();
@@ -130,7 +132,7 @@ mod tests {
         let start = BodyState { pose: Pose::IDENTITY, twist: Twist::new(DVec3::ZERO, spin) };
         let time = 0.7;
         let end = (0..700).fold(start, |state, _| fly(&body, &state, DVec3::ZERO, time / 700.0));
-        // In body axes ω turns about the top's own at (I_z − I_x)/I_x ω_z.
+        // In body axes ω rotates about the top's axis at (I_z − I_x)/I_x ω_z.
         let local = end.pose.rotation.conjugate() * end.twist.angular;
         let expected = DQuat::from_rotation_z((tall - flat) / flat * spin.z * time) * spin;
         assert!((local - expected).length() < 1e-6, "{local} for {expected}");

@@ -1,10 +1,11 @@
-//! A free rigid body that falls onto, bounces on, slides along and comes to rest on a static one, with contact levels of
-//! detail (§3.4.4, §3.5.4).
+//! Simulation of a free rigid body that falls onto a static one, bounces, slides and comes to rest, with
+//! contact levels of detail (§3.4.4, §3.5.4).
 //!
-//! The simulation is impulse-based, after Mirtich (*Impulse-based Dynamic Simulation of Rigid Body Systems*, 1996): between
-//! collisions the body flies freely ([`fly`]), and all contact, resting and sliding contact too, is a train of impulses
-//! ([`impact`]). Collisions are found by contact queries and placed in time by
-//! [`CollisionEvents`](palpate_collide::CollisionEvents), also where the resolution changes within a step.
+//! The simulation is impulse-based, after Mirtich (*Impulse-based Dynamic Simulation of Rigid Body Systems*,
+//! 1996): between collisions the body flies freely ([`fly`]), and all contact, including resting and sliding
+//! contact, is a train of impulses ([`impact`]). Contact queries find collisions, and
+//! [`CollisionEvents`](palpate_collide::CollisionEvents) finds their times, also if the resolution changes
+//! within a step.
 //!
 //! ```
 //! use palpate_clod_build::{BuildOptions, build, unwatched};
@@ -32,9 +33,10 @@
 //! # }
 //! ```
 //!
-//! World axes and SI units throughout. Guarantees: the same input gives the same output, bit by bit; time always advances by
-//! what a step is asked for; kinetic energy never rises at an impact; a step makes a bounded number of queries, does not
-//! panic, and allocates only while there are more contacts, impacts or queries than ever before.
+//! World axes and SI units throughout. Guarantees: the same input gives the same output, bit by bit; a step
+//! always advances time by its full duration; kinetic energy never rises at an impact; a step makes a bounded
+//! number of queries, does not panic, and allocates only if there are more contacts, impacts or queries than
+//! ever before.
 
 mod body;
 mod contacts;

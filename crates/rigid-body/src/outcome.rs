@@ -1,86 +1,86 @@
-//! What came of a step.
+//! Results of a step.
 
 use glam::DVec3;
 use palpate_collide::{QueryError, QueryOutcome};
 use palpate_core::{Pose, Twist};
 
-/// What one impact did.
+/// One impact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Impact {
-    /// When, since the simulation began, s.
+    /// Time since the simulation began, s.
     pub time: f64,
-    /// Contacts that took an impulse.
+    /// Number of contacts that took an impulse.
     pub contacts: usize,
-    /// Whether all of them approached so slowly that they count as resting or sliding contact.
+    /// Whether all contacts approached slowly enough to count as resting or sliding contact.
     pub micro: bool,
-    /// Fastest approach, m/s.
+    /// Largest approach speed, m/s.
     pub approach: f64,
     /// Sum of the impulses on the body, N·s, world axes.
     pub impulse: DVec3,
-    /// Kinetic energy before and after it, J.
+    /// Kinetic energy before the impact, J.
     pub energy_before: f64,
-    /// J.
+    /// Kinetic energy after the impact, J.
     pub energy_after: f64,
 }
 
-/// A query of a step: where the body was and what the query cost.
+/// A contact query of a step, with the body's motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuerySample {
-    /// Since the simulation began, s.
+    /// Time since the simulation began, s.
     pub time: f64,
-    /// Of the body's frame.
+    /// Pose of the body's frame.
     pub pose: Pose,
-    /// Of the origin of the body's frame, world axes.
+    /// Velocity of the origin of the body's frame, and angular velocity, world axes.
     pub twist: Twist,
-    /// What the query found.
+    /// Outcome of the query.
     pub outcome: QueryOutcome,
 }
 
-/// What happened in a step.
+/// Counts and extremes of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StepOutcome {
-    /// Collision events that were followed.
+    /// Number of collision events that were followed.
     pub events: usize,
-    /// Events among them with a change of resolution within the flight.
+    /// Number of those with a change of resolution within the flight.
     pub switched: usize,
-    /// Events at whose instant no surfaces touch: their response is applied with the contact of the event.
+    /// Number of events at whose time no surfaces touch. The response is applied at the event's own contact.
     pub estimated: usize,
-    /// Flights with more events than are followed.
+    /// Number of flights with more events than are followed.
     pub exhausted: usize,
-    /// Impacts, micro-collisions included.
+    /// Number of impacts, including micro-collisions.
     pub impacts: usize,
-    /// Micro-collisions among them.
+    /// Number of micro-collisions.
     pub micro: usize,
-    /// Queries made.
+    /// Number of queries.
     pub queries: usize,
-    /// Deepest penetration at the end of a flight or at an event, m; 0 where there was none.
+    /// Deepest penetration at the end of a flight or at an event, m; 0 without penetration.
     pub depth: f64,
-    /// Potential energy that projection out of penetration added, J; negative where it took some.
+    /// Potential energy added by projection out of penetration, J; negative if it was reduced.
     pub lifted: f64,
 }
 
-/// Why a step was refused. The state is what it was.
+/// Reason why a step was refused. The state is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum StepError {
     /// The duration is not positive and finite.
     #[error("a step of {duration} s; it must be positive and finite")]
     Duration {
-        /// Given, s.
+        /// Duration that was given, s.
         duration: f64,
     },
-    /// The body moves too far in the step to look for collisions on the way.
+    /// The body moves too far in the step for the queries that find collisions.
     #[error(
         "the body moves at {speed} m/s, too fast for a step of {duration} s with a query every {travel} m; take shorter steps"
     )]
     TooFast {
-        /// Of the fastest point of the body, m/s.
+        /// Speed of the fastest point of the body, m/s.
         speed: f64,
-        /// s.
+        /// Duration of the step, s.
         duration: f64,
-        /// m.
+        /// Largest distance between queries, m.
         travel: f64,
     },
-    /// The objects cannot be queried where the body got to in the step.
-    #[error("no contact query on the way of the step: {0}")]
+    /// A contact query failed at a pose in the step.
+    #[error("a contact query in the step failed: {0}")]
     Query(#[from] QueryError),
 }

@@ -1,4 +1,4 @@
-//! What a simulation is told, and what it refuses.
+//! Settings of a simulation, and their validation.
 
 use glam::DVec3;
 use palpate_collide::{ErrorMetrics, QueryError, QuerySettings};
@@ -6,31 +6,34 @@ use palpate_core::Pose;
 
 use crate::body::BodyState;
 
-/// How bodies collide, and how that is found.
+/// Settings of collisions and of their detection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Acceleration in free flight, m/s², world axes.
+    /// Gravity, m/s², world axes.
     pub gravity: DVec3,
-    /// e: the part of the approach speed that a collision gives back, 0 to 1. Where giving it back at several contacts, or
-    /// with friction, would raise the kinetic energy, it is less.
+    /// Coefficient of restitution e, 0 to 1: ratio of separation to approach speed in a collision. The
+    /// effective value is smaller where several contacts, or friction, would otherwise raise the kinetic
+    /// energy.
     pub restitution: f64,
-    /// μ of Coulomb friction, not negative.
+    /// Coefficient μ of Coulomb friction, not negative.
     pub friction: f64,
-    /// d: surfaces closer than this are found, m. §3.5.4 chooses a thousandth of the objects' radii. Closer than half of it
-    /// they collide; the other half is what instants of collisions are interpolated from.
+    /// Tolerance d of queries, m: surfaces closer than this are found. §3.5.4 chooses a thousandth of the
+    /// objects' radii. Surfaces collide at half of it; the other half lets times of collisions be
+    /// interpolated.
     pub tolerance: f64,
-    /// s₀, constant, velocity- or view-dependent (§3.4.3). The twist of a velocity metric is replaced by the body's, at
-    /// every query. Coarse levels do not contain the surface (§3.6.2): bodies penetrate by up to what levels deviate, and
-    /// where that is more than a wall is thick, as with meshes of few triangles, they can come through it.
+    /// Error metric s₀: constant, velocity- or view-dependent (§3.4.3). The twist of a velocity metric is
+    /// replaced by the body's at every query. Coarse levels do not contain the surface (§3.6.2), so bodies
+    /// penetrate by up to the levels' deviation. If that exceeds the thickness of a wall, as with meshes of
+    /// few triangles, they can pass through it.
     pub error: ErrorMetrics,
-    /// Furthest that any point of the body goes from one query to the next, m: less than the thinnest part of either body,
-    /// or they may pass one another unseen.
+    /// Largest distance that any point of the body moves between queries, m. It has to be less than the
+    /// thinnest part of either body, or they may pass through one another undetected.
     pub travel: f64,
 }
 
 impl Settings {
-    /// Settings with a tolerance (d, m) and defaults for the rest: at full resolution, standard gravity along −z, e = 0.5,
-    /// μ = 0.3, and 5 d from query to query.
+    /// Returns settings with a tolerance (d, m) and defaults for the rest: full resolution, standard gravity
+    /// along −z, e = 0.5, μ = 0.3, and 5 d between queries.
     pub fn new(tolerance: f64) -> Self {
         Self {
             gravity: DVec3::new(0.0, 0.0, -9.80665),
@@ -42,7 +45,7 @@ impl Settings {
         }
     }
 
-    /// Closer than this surfaces collide, m.
+    /// Distance at which surfaces collide, m.
     pub(crate) fn touch(&self) -> f64 {
         0.5 * self.tolerance
     }
@@ -76,25 +79,25 @@ impl Settings {
     }
 }
 
-/// Why a simulation was refused.
+/// Reason why a simulation was refused.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SettingsError {
     /// Gravity is not finite.
     #[error("gravity, {gravity} m/s², is not finite")]
     Gravity {
-        /// Given, m/s².
+        /// Gravity that was given, m/s².
         gravity: DVec3,
     },
     /// e is not between 0 and 1.
     #[error("the coefficient of restitution is {restitution}; it must be 0 to 1")]
     Restitution {
-        /// Given.
+        /// Coefficient that was given.
         restitution: f64,
     },
     /// μ is negative or not finite.
     #[error("the coefficient of friction is {friction}; it must be finite and not negative")]
     Friction {
-        /// Given.
+        /// Coefficient that was given.
         friction: f64,
     },
     /// d is not positive and finite.
@@ -102,15 +105,15 @@ pub enum SettingsError {
         "the tolerance is {tolerance} m; it must be positive and finite: about a thousandth of the body's radius"
     )]
     Tolerance {
-        /// Given, m.
+        /// Tolerance that was given, m.
         tolerance: f64,
     },
-    /// The way between queries is not positive and finite.
+    /// The distance between queries is not positive and finite.
     #[error(
-        "the way from query to query is {travel} m; it must be positive, finite and less than the thinnest part"
+        "the distance between queries is {travel} m; it must be positive, finite and less than the thinnest part"
     )]
     Travel {
-        /// Given, m.
+        /// Distance that was given, m.
         travel: f64,
     },
     /// A pose or velocity is not finite, or a rotation not of unit length.

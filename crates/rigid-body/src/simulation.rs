@@ -1,26 +1,29 @@
 //! Time stepping that stops at collisions (§3.4.4).
 //!
-//! A step is divided so that no point of the body goes further than [`Settings::travel`] from query to query. Each part is a
-//! free flight with a query at its end. Where [`CollisionEvents`] tells that surfaces met on the way, the
-//! body is set back to the estimated instant t_c of the first event, the response is applied there, and the time that is left
-//! is divided anew.
+//! A step is divided so that no point of the body moves farther than [`Settings::travel`] between queries.
+//! Each part is a free flight with a query at its end. If [`CollisionEvents`] reports that surfaces met
+//! during the flight, the body is set back to the estimated time t_c of the first event, the response is
+//! applied there, and the remaining time is divided again.
 //!
-//! Setting back rather than projecting out: a body that is put where it first touched has lost no kinetic energy and gained no
-//! potential energy by the detection, and its approach velocity is that of the impact. What penetrates all the same does so
-//! because the estimate is one, or because the resolution has changed under a body in contact: that is projected out, by a
-//! fifth of the depth from query to query, which does work ([`StepOutcome::lifted`]) but adds no velocity.
+//! The body is set back rather than projected out: at the place of its first touch the detection has cost no
+//! kinetic energy and added no potential energy, and its approach velocity is that of the impact. Some
+//! penetration remains, because t_c is an estimate, or because the resolution has changed under a body in
+//! contact. It is projected out by a fifth of the depth per query, which does work ([`StepOutcome::lifted`])
+//! but adds no velocity.
 //!
-//! Where the resolution has changed there may be no instant at which surfaces meet: coarse patches apart at the beginning,
-//! finer ones that penetrate at the end, and neither ever touching. As §3.4.4 has it, the response is applied at the estimate
-//! with what touches there, or else with the contact of the event. Where it has not, the estimate is good if the query saw
-//! the surfaces coming, and is followed by bisection if it did not, since they came from beyond its reach. That ends too, with
-//! the contact of the event, when the way that is left is shorter than what surfaces collide at: patches that were not
-//! near at the beginning may be there at the end at another resolution than their neighbours.
+//! If the resolution has changed, there may be no time at which surfaces meet: coarse patches are apart at
+//! the beginning, finer ones penetrate at the end, and neither pair ever touches. As in §3.4.4, the response
+//! is then applied at the estimate, with the contacts that touch there, or else with the contact of the
+//! event. If the resolution has not changed, the estimate is good if the first query found the surfaces
+//! within its reach. If not, bisection refines it. Bisection also ends, with the contact of the event, once
+//! the remaining motion is shorter than the distance at which surfaces collide: patches that were not near at
+//! the beginning may have another resolution at the end than their neighbours.
 //!
-//! Time goes on in any case. Contacts that penetrate at a beginning make no events, but take impulses if they approach
-//! after a flight. What does not come deeper in a flight than surfaces collide at is left to its end: resting contact, and
-//! contacts that are deep only because the resolution has changed. And at most [`EVENTS`] events are followed until a flight
-//! ends. Should there be more, it is taken as it is, its contacts respond at its end, and [`StepOutcome::exhausted`] counts it.
+//! Time advances in any case. Contacts that penetrate at the beginning of a flight make no events, but take
+//! impulses if they approach at its end. Contacts that do not deepen in a flight by more than the distance at
+//! which surfaces collide also wait for its end: resting contact, and contacts that are deep only because the
+//! resolution has changed. At most [`MAX_EVENTS`] events are followed per flight. With more, the flight is
+//! completed, its contacts respond at its end, and [`StepOutcome::exhausted`] counts it.
 
 use glam::DVec3;
 use palpate_collide::{
@@ -35,17 +38,17 @@ use crate::impact::{Law, solve, strike};
 use crate::outcome::{Impact, QuerySample, StepError, StepOutcome};
 use crate::settings::{Settings, SettingsError};
 
-/// Most collision events that are followed in one flight.
-const EVENTS: usize = 16;
+/// Maximum number of collision events that are followed in one flight.
+const MAX_EVENTS: usize = 16;
 
-/// Most flights that a step is divided into.
-const FLIGHTS: f64 = 10_000.0;
+/// Maximum number of flights in a step; a faster body is refused.
+const MAX_FLIGHTS: f64 = 10_000.0;
 
-/// Part of the depth that is projected out after each flight.
-const PROJECTED: f64 = 0.2;
+/// Part of the depth that is projected out after each flight. Larger values make resting bodies jitter.
+const PROJECTION_SHARE: f64 = 0.2;
 
-/// Approach speeds below this part of the fastest point's are none.
-const APPROACH: f64 = 1e-9;
+/// Approach speed, as a part of the fastest point's speed, at or below which contacts do not respond.
+const MIN_APPROACH: f64 = 1e-9;
 
 /// A free rigid body above a static one.
 #[derive(Clone, Debug)]
@@ -62,17 +65,18 @@ pub struct Simulation {
     touching: Touching,
     impacts: Vec<Impact>,
     samples: Vec<QuerySample>,
-    /// Furthest point of the body from the centre of mass, m, and a ball around the scene object, in its frame.
+    /// Largest distance of the body's points from the centre of mass, m.
     reach: f64,
+    /// Bounding sphere of the scene object in its frame: centre and radius, m.
     scene_ball: (DVec3, f64),
-    /// The duration of the step, s.
+    /// Duration of the step, s.
     duration: f64,
-    /// Since when, and from where, the body has not moved.
+    /// Time, s, and pose since which the body has not moved.
     still: (f64, Pose),
 }
 
 impl Simulation {
-    /// A simulation of a body with a shape, above a static shape at a pose, from a state on.
+    /// Creates a simulation of a body with a shape, above a static shape at a pose, that starts from a state.
     ///
     /// # Errors
     /// If a setting or the state is not valid, or the objects cannot be queried.
@@ -107,16 +111,16 @@ impl Simulation {
             duration: 0.0,
             still: (0.0, start.pose),
         };
-        simulation.look(&start)?;
-        simulation.remember();
+        simulation.query_at(&start)?;
+        simulation.keep_contacts();
         Ok(simulation)
     }
 
     /// Advances by a duration (s).
     ///
     /// # Errors
-    /// If the duration is not positive and finite, or the body too fast for it, or the objects cannot be queried where it
-    /// gets to. Nothing has changed then.
+    /// If the duration is not positive and finite, the body is too fast for it, or a contact query fails. The
+    /// state is then unchanged.
     pub fn step(&mut self, duration: f64) -> Result<StepOutcome, StepError> {
         self.impacts.clear();
         self.samples.clear();
@@ -127,23 +131,25 @@ impl Simulation {
         let end = self.time + duration;
         let before = (self.state, self.time, self.still);
         let mut outcome = StepOutcome::default();
+        // `left`: time that remains; `followed`: events since the last completed flight.
         let (mut left, mut flights, mut followed) = (duration, 0.0, 0);
         while left > 0.0 {
-            let (parts, speed) = self.parts(left);
+            let (parts, speed) = self.flights_for(left);
             let flight = left / parts;
-            let advanced = if flights + parts > FLIGHTS {
+            let advanced = if flights + parts > MAX_FLIGHTS {
                 Err(StepError::TooFast { speed, duration, travel: self.settings.travel })
             } else {
-                self.advance(flight, followed < EVENTS, &mut outcome).map_err(StepError::from)
+                self.advance(flight, followed < MAX_EVENTS, &mut outcome).map_err(StepError::from)
             };
             let advanced = match advanced {
                 Ok(advanced) => advanced,
+                // Restore the state from before the step.
                 Err(error) => {
                     (self.state, self.time, self.still) = before;
                     self.impacts.clear();
                     self.samples.clear();
-                    self.look(&before.0)?;
-                    self.remember();
+                    self.query_at(&before.0)?;
+                    self.keep_contacts();
                     return Err(error);
                 }
             };
@@ -155,7 +161,7 @@ impl Simulation {
                 left = if parts > 1.0 { left - flight } else { 0.0 };
             }
         }
-        // Sums of parts round.
+        // Sums of parts have rounding errors.
         self.time = end;
         self.note_stillness();
         outcome.impacts = self.impacts.len();
@@ -164,8 +170,9 @@ impl Simulation {
         Ok(outcome)
     }
 
-    /// The number of flights that a time (s) is divided into, and how fast the fastest point gets in it, m/s.
-    fn parts(&self, time: f64) -> (f64, f64) {
+    /// Returns the number of flights into which a time (s) is divided, and the largest speed of a point in
+    /// it, m/s.
+    fn flights_for(&self, time: f64) -> (f64, f64) {
         let Settings { gravity, tolerance, travel, .. } = self.settings;
         let Twist { linear, angular } = self.state.twist;
         let speed = linear.length() + gravity.length() * time + angular.length() * self.reach;
@@ -175,12 +182,13 @@ impl Simulation {
         if !speed.is_finite() {
             return (f64::INFINITY, speed);
         }
-        // As far as the balls around the bodies are apart nothing can be passed unseen.
+        // While the bounding spheres are apart, half the gap can be moved without a query.
         ((speed * time / travel.max(0.5 * clear)).ceil().max(1.0), speed)
     }
 
-    /// A flight of a duration (s), with the response to the contacts at its end; or to a collision on its way, if it may be
-    /// followed, and then the time until that.
+    /// Advances by a flight of a duration (s), with the response to the contacts at its end. If there is a
+    /// collision before, and events may be followed, it advances to the collision, responds, and returns the
+    /// time until it.
     fn advance(
         &mut self,
         duration: f64,
@@ -188,7 +196,7 @@ impl Simulation {
         outcome: &mut StepOutcome,
     ) -> Result<Option<f64>, QueryError> {
         let end = self.flown(duration);
-        self.look_at(&end, duration)?;
+        self.query_and_record(&end, duration)?;
         let event = self.first_event(&end, duration);
         let Some(event) = event.filter(|_| follow) else {
             outcome.exhausted += usize::from(event.is_some());
@@ -202,8 +210,8 @@ impl Simulation {
         Ok(Some(passed))
     }
 
-    /// The first collision event of a flight of a duration (s) to a state at which the query was made last, of surfaces that
-    /// come deeper in it than they collide at.
+    /// Returns the first collision event of a flight of a duration (s) that ends at the state of the last
+    /// query. Only surfaces that deepen by more than the distance at which they collide count.
     fn first_event(&mut self, end: &BodyState, duration: f64) -> Option<CollisionEvent> {
         self.events.reset();
         self.events.step(&self.before, self.settings.tolerance);
@@ -215,13 +223,15 @@ impl Simulation {
         events.iter().find(deepens).copied()
     }
 
-    /// The instant of an event in a flight of a duration (s), and its state, at which the query is made last.
+    /// Returns the time of an event in a flight of a duration (s), with the state there, which is also that
+    /// of the last query.
     fn locate(
         &mut self,
         mut event: CollisionEvent,
         duration: f64,
         outcome: &mut StepOutcome,
     ) -> Result<(BodyState, f64, CollisionEvent), QueryError> {
+        // Interval [apart, deep] of the time: surfaces are apart at its beginning, and too deep at its end.
         let touch = self.settings.touch();
         let allowed = touch + self.before.iter().map(|found| found.contact.depth).fold(0.0, f64::max);
         let short = touch / self.fastest().max(f64::MIN_POSITIVE);
@@ -229,9 +239,10 @@ impl Simulation {
         loop {
             let time = apart + part * (deep - apart);
             let state = self.flown(time);
-            self.look_at(&state, time)?;
+            self.query_and_record(&state, time)?;
             let depths = self.query.contacts().iter().map(|found| found.contact.depth);
             let deepest = depths.fold(f64::NEG_INFINITY, f64::max);
+            // A change of resolution: no time exists at which surfaces meet, so the estimate is final.
             if event.switched {
                 outcome.estimated += usize::from(deepest < -touch);
                 return Ok((state, time, event));
@@ -247,23 +258,24 @@ impl Simulation {
             if deep - apart <= short {
                 outcome.estimated += 1;
                 let state = self.flown(apart);
-                self.look_at(&state, apart)?;
+                self.query_and_record(&state, apart)?;
                 return Ok((state, apart, event));
             }
             part = 0.5;
         }
     }
 
-    /// A bound on the speed of all points of the body, m/s.
+    /// Returns an upper bound of the speed of the body's points, m/s.
     fn fastest(&self) -> f64 {
         self.state.twist.linear.length() + self.state.twist.angular.length() * self.reach
     }
 
+    /// Returns the state after a free flight of some time, s.
     fn flown(&self, time: f64) -> BodyState {
         fly(&self.body, &self.state, self.settings.gravity, time)
     }
 
-    /// Takes over a state at which the query was made last, and responds to its contacts.
+    /// Moves the body to the state of the last query, and responds to its contacts.
     fn land(
         &mut self,
         state: BodyState,
@@ -281,7 +293,7 @@ impl Simulation {
         if let Some(event) = event.filter(|_| self.touching.touches().is_empty()) {
             self.touching.add_event(event, &state);
         }
-        self.remember();
+        self.keep_contacts();
         if self.touching.touches().is_empty() {
             return;
         }
@@ -291,13 +303,14 @@ impl Simulation {
         }
     }
 
-    /// Strikes the touching contacts, if any of them approach.
+    /// Applies impulses at the touching contacts, if any of them approaches.
     fn respond(&mut self) {
         let Settings { gravity, restitution, friction, tolerance, travel, .. } = self.settings;
         let twist = self.state.twist;
         let fastest = self.fastest();
         let flight = self.duration.min(travel / fastest);
-        // The speed whose bounce ends within the tolerance, or that gravity makes in two flights.
+        // The larger of the speed whose bounce ends within the tolerance d, √(2 g d), and of gravity's in two
+        // flights.
         let weight = gravity.length();
         let micro = (2.0 * weight * tolerance).sqrt().max(2.0 * weight * flight);
         let law = Law { restitution, friction, gravity, flight, micro };
@@ -306,7 +319,7 @@ impl Simulation {
             approach = approach.max(-twist.velocity_at(touch.arm).dot(touch.normal));
             collides |= law.aim(touch, &twist);
         }
-        if approach <= APPROACH * fastest {
+        if approach <= MIN_APPROACH * fastest {
             return;
         }
         let energy_before = self.body.kinetic_energy(&self.state);
@@ -323,25 +336,26 @@ impl Simulation {
         });
     }
 
-    /// Moves the body a part of the way out of what it penetrates: a plastic impact of displacements.
+    /// Moves the body out of penetrations by a part of their depth. Displacements are solved for like the
+    /// velocities of a plastic impact.
     fn project(&mut self, outcome: &mut StepOutcome) {
         let most = self.settings.touch();
         for (touch, depth) in self.touching.with_depths() {
-            touch.target = (PROJECTED * depth).clamp(0.0, most) * touch.normal;
+            touch.target = (PROJECTION_SHARE * depth).clamp(0.0, most) * touch.normal;
         }
         let still = BodyState::at_rest(self.state.pose);
-        let way = solve(&self.body, &still, self.touching.touches_mut(), 0.0);
-        let reached = way.linear.length() + way.angular.length() * self.reach;
-        // Contacts that face one another ask for more than any way out gives.
+        let displacement = solve(&self.body, &still, self.touching.touches_mut(), 0.0);
+        let reached = displacement.linear.length() + displacement.angular.length() * self.reach;
+        // Contacts that face one another may have no finite solution.
         if reached.is_finite() && reached <= self.settings.travel {
             let before = self.body.potential_energy(&self.state, self.settings.gravity);
-            self.state.pose = self.state.pose.moved(&way, 1.0);
+            self.state.pose = self.state.pose.moved(&displacement, 1.0);
             outcome.lifted += self.body.potential_energy(&self.state, self.settings.gravity) - before;
         }
     }
 
-    /// Queries at a state.
-    fn look(&mut self, state: &BodyState) -> Result<QueryOutcome, QueryError> {
+    /// Runs the contact query at a state.
+    fn query_at(&mut self, state: &BodyState) -> Result<QueryOutcome, QueryError> {
         let mut settings = self.settings.query();
         if let Some(velocity) = &mut settings.error.velocity {
             velocity.twist = self.body.frame_twist(state);
@@ -350,36 +364,37 @@ impl Simulation {
         self.query.run(&frame, &self.scene_pose, &settings)
     }
 
-    /// Queries at a state that is reached some time (s) from now, for the record.
-    fn look_at(&mut self, state: &BodyState, ahead: f64) -> Result<(), QueryError> {
-        let outcome = self.look(state)?;
+    /// Runs the contact query at a state that is reached in `ahead` (s), and records a sample.
+    fn query_and_record(&mut self, state: &BodyState, ahead: f64) -> Result<(), QueryError> {
+        let outcome = self.query_at(state)?;
         let (pose, twist) = (self.body.frame(state), self.body.frame_twist(state));
         self.samples.push(QuerySample { time: self.time + ahead, pose, twist, outcome });
         Ok(())
     }
 
-    /// Takes the contacts of the last query for the beginning of what follows.
-    fn remember(&mut self) {
+    /// Keeps the contacts of the last query as those at the beginning of the next flight.
+    fn keep_contacts(&mut self) {
         self.before.clear();
         self.before.extend_from_slice(self.query.contacts());
     }
 
+    /// Restarts the time of rest if the body has moved by more than the tolerance.
     fn note_stillness(&mut self) {
         let (_, from) = self.still;
         let now = self.state.pose;
-        let way =
+        let moved =
             now.translation.distance(from.translation) + now.rotation_vector_to(&from).length() * self.reach;
-        if way > self.settings.tolerance {
+        if moved > self.settings.tolerance {
             self.still = (self.time, now);
         }
     }
 
-    /// Where the body is and how it moves.
+    /// Pose and velocity of the body.
     pub fn state(&self) -> &BodyState {
         &self.state
     }
 
-    /// Sets the body elsewhere. How long it has been still is counted anew.
+    /// Moves the body to another state. The time of rest starts again.
     ///
     /// # Errors
     /// If the state is not finite, or the objects cannot be queried there.
@@ -387,10 +402,10 @@ impl Simulation {
         if !state.is_valid() {
             return Err(SettingsError::State);
         }
-        self.look(&state)?;
+        self.query_at(&state)?;
         self.state = state;
         self.still = (self.time, state.pose);
-        self.remember();
+        self.keep_contacts();
         Ok(())
     }
 
@@ -404,24 +419,25 @@ impl Simulation {
         self.time
     }
 
-    /// How long no point of the body has been further than [`Settings::tolerance`] from where it was, s: a body at rest is
-    /// still for long, one that turns back at the top of its way only for an instant.
+    /// Time for which no point of the body has moved by more than [`Settings::tolerance`], s. It grows for a
+    /// body at rest, and stays short for one that reverses at the top of its path.
     pub fn still_for(&self) -> f64 {
         self.time - self.still.0
     }
 
-    /// Kinetic and potential energy, J.
+    /// Sum of kinetic and potential energy, J.
     pub fn energy(&self) -> f64 {
         let potential = self.body.potential_energy(&self.state, self.settings.gravity);
         self.body.kinetic_energy(&self.state) + potential
     }
 
-    /// Impacts of the last step, in their order.
+    /// Impacts of the last step, in order of time.
     pub fn impacts(&self) -> &[Impact] {
         &self.impacts
     }
 
-    /// Queries of the last step, in their order: more than once for a time from which the body was set back.
+    /// Queries of the last step, in the order in which they were made. Times repeat where the body was set
+    /// back.
     pub fn samples(&self) -> &[QuerySample] {
         &self.samples
     }

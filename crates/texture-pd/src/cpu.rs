@@ -132,6 +132,7 @@ impl Texels<'_> {
                 if first >= end {
                     continue;
                 }
+                // Only the columns that the triangle crosses in this row.
                 let [from, to] = triangle.crossing(v);
                 let crossed = between(from, to, grid, step);
                 for column in first.max(crossed.start)..end.min(crossed.end) {
@@ -140,6 +141,7 @@ impl Texels<'_> {
                     };
                     let texel = row * grid + column;
                     let at = self.at(index, texel);
+                    // The first triangle at a texel is not displaced yet: its bound suffices.
                     if self.heights[at][1] == NOWHERE {
                         self.heights[at] = [UNKNOWN, seen];
                         self.bounds[at] = side * base + triangle.lift_at(&lift, s, t);

@@ -304,6 +304,7 @@ impl TextureContact {
         };
         let axes = self.axes();
         let local = local.about(axes.transpose() * (self.center - self.point));
+        // From the contact's frame to the world.
         let world = |height: f32| self.point + axes * at.extend(height.into());
         let (linear, angular, second) = local.in_axes(&axes);
         Some(TextureDepth {

@@ -57,6 +57,7 @@ pub(crate) fn push_levels(image: &HeightImage, levels: &mut Vec<Level>, coeffici
         if width.min(height) < 8 || image.is_atlas() {
             return;
         }
+        // Halve the rows, then the columns as rows of the transposed image.
         heights = averaged(&heights, width, width.div_ceil(2));
         heights = transposed(&heights, height);
         width = width.div_ceil(2);
@@ -214,19 +215,14 @@ fn taps(level: &Level, coefficients: &[f32], x: f32, y: f32) -> (Mat4, f32, f32)
         let from = first as usize + row as usize * width as usize + column as usize;
         [0, 1, 2, 3].map(|j| Vec4::from_slice(&coefficients[from + j * width as usize..]))
     } else {
-        taps_at_border(level, coefficients, column, row)
+        border(level, coefficients, column, row)
     };
     (Mat4::from_cols(rows[0], rows[1], rows[2], rows[3]), x - left as f32, y - top as f32)
 }
 
 /// Returns 4 × 4 coefficients of which some are beyond the border.
 #[cold]
-fn taps_at_border(
-    &[first, width, height, wrap]: &Level,
-    coefficients: &[f32],
-    column: i32,
-    row: i32,
-) -> [Vec4; 4] {
+fn border(&[first, width, height, wrap]: &Level, coefficients: &[f32], column: i32, row: i32) -> [Vec4; 4] {
     let columns = [0, 1, 2, 3].map(|i| wrapped(column + i, width, wrap & 3));
     [0, 1, 2, 3].map(|j| {
         let from = first + wrapped(row + j, height, wrap >> 2) * width;

@@ -254,6 +254,7 @@ impl TexturedSurface {
             return None;
         }
         let (e1, e2) = (p1 - p0, p2 - p0);
+        // Edges and their changes, so that the kernels interpolate with s and t alone.
         let mut triangle = Triangle {
             plane: [p0, e1, e2].map(|edge| edge.truncate().as_vec2().to_array()),
             rise: [p0, e1, e2].map(|edge| edge.z as f32),
@@ -268,7 +269,7 @@ impl TexturedSurface {
             triangle.texture = [uv0, uv1 - uv0, uv2 - uv0].map(|uv| uv.as_vec2().to_array());
             triangle.level = (first_level + level as u32 + 1) as f32;
             let [low, high] = texture.ranges[index as usize * texture.levels.len() + level];
-            (triangle.most, triangle.outwards) = (high.max(-low), high);
+            (triangle.max_displacement, triangle.max_outwards) = (high.max(-low), high);
         }
         Some(triangle)
     }

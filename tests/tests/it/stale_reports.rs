@@ -50,10 +50,10 @@ impl Motion for Stamped {
 fn ripple(every: i16, stamped_when_read: bool) -> (f64, u64) {
     let wire = FakeWire::new();
     let other = wire.clone();
-    let Link { codec, motion, specification, patience, silence } =
+    let Link { codec, motion, specification, read_timeout, silence } =
         Link::wooden_haptics("wooden", WoodenHapticsModel::WOODEN_HAPTICS);
     let motion = Stamped { motion, when_read: stamped_when_read };
-    let link = Link { codec, motion, specification, patience, silence };
+    let link = Link { codec, motion, specification, read_timeout, silence };
     let (mut pump, device) = link.split(move || Some(Box::new(other.open()?)));
     let device: Box<dyn HapticDevice> =
         if stamped_when_read { Box::new(StampedWhenRead(device)) } else { Box::new(device) };

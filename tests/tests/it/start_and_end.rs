@@ -126,7 +126,7 @@ fn host() {
         codec: Plain,
         motion: Plain,
         specification: specification(),
-        patience: Duration::from_millis(2),
+        read_timeout: Duration::from_millis(2),
         silence: 0.01,
     };
     let device = link.spawn(move || wire.take().map(|wire| Box::new(wire) as Box<dyn Transport>));

@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_replace_what_the_preset_has() {
+    fn settings_replace_those_of_the_preset() {
         assert_eq!(parsed("emulated").emulation, Emulation::default());
         assert_eq!(parsed("emulated:omega").emulation, Emulation::preset("omega").unwrap());
         let hand =
@@ -239,8 +239,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said() {
-        for (address, said) in [
+    fn invalid_settings_are_named() {
+        for (address, expected) in [
             ("emulated:touch,hand=strong", "`hand=strong`: give one of none, light"),
             ("emulated:task=fly", "one of explore, press, stroke, scrub, tap, peg-insertion"),
             ("emulated:omega,firm", "KEY=VALUE"),
@@ -255,7 +255,7 @@ mod tests {
             ("emulated:omega,,", "KEY=VALUE"),
         ] {
             let error = EmulatedHand::at(address).expect(address).expect_err(address).to_string();
-            assert!(error.contains(said), "{address}: {error}");
+            assert!(error.contains(expected), "{address}: {error}");
         }
         for address in
             ["emulated:", "emulated:phantom", "emulated:phantom,hand=firm", "replay:x", "emulatedx"]

@@ -1,8 +1,8 @@
 //! An emulated gripper and the fingers that hold it.
 //!
-//! The fingers follow an intended angle as the hand follows its path: a spring and a damper about the gripper's
-//! axis, by the step of [`mechanics`](crate::mechanics), which is passive. A constant torque τ therefore deflects
-//! the gripper by τ / stiffness. There is no end stop.
+//! The fingers follow an intended angle as the hand follows its path: a spring and a damper about the
+//! gripper's axis, by the step of [`mechanics`](crate::mechanics), which is passive. A constant torque τ
+//! therefore deflects the gripper by τ / stiffness. There is no end stop.
 
 use glam::DVec3;
 use palpate_core::{Pose, Twist};
@@ -19,8 +19,8 @@ use crate::{AnglePath, DeviceError, Status};
 /// Parameters of an emulated gripper and of the fingers that hold it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GripperEmulation {
-    /// The gripper's specification; the emulation keeps to its peak, encoder step and handle. Without a handle
-    /// it moves with the fingers alone.
+    /// The gripper's specification; the emulation keeps to its peak, encoder step and handle. Without a
+    /// handle it moves with the fingers alone.
     pub specification: GripperSpecification,
     /// The fingers that hold it.
     pub fingers: Fingers,
@@ -64,6 +64,7 @@ impl Default for GripperEmulation {
 }
 
 impl GripperEmulation {
+    /// Mechanics of the gripper; zero if they are not known.
     fn handle(&self) -> GripperHandle {
         let none = GripperHandle { inertia: 0.0, damping: 0.0, friction: 0.0 };
         self.specification.handle.unwrap_or(none)
@@ -95,8 +96,8 @@ pub struct GripperPath(
 );
 
 impl GripperPath {
-    /// Follows `function`, which gives the angle (rad) and its rate (rad/s) at a time in s. A result that is not
-    /// finite is ignored and the last finite one held.
+    /// Follows `function`, which gives the angle (rad) and its rate (rad/s) at a time in s. A result that is
+    /// not finite is ignored and the last finite one held.
     pub fn function(mut function: impl FnMut(f64) -> (f64, f64) + Send + 'static) -> Self {
         Self(IntendedPath::function(move |time| {
             let (angle, rate) = function(time);

@@ -8,7 +8,7 @@ pub(super) struct Substeps {
     /// Length of a substep, s.
     pub length: f64,
     /// Largest number of substeps simulated at once.
-    most: u64,
+    max_at_once: u64,
     /// Substeps so far, and how many of them were left out.
     pub count: u64,
     pub skipped: u64,
@@ -17,21 +17,21 @@ pub(super) struct Substeps {
 impl Substeps {
     /// Substeps of a length (s), with at most `catch_up` (s) simulated at once.
     pub fn new(length: f64, catch_up: f64) -> Self {
-        Self { length, most: (catch_up / length).round().max(1.0) as u64, count: 0, skipped: 0 }
+        Self { length, max_at_once: (catch_up / length).round().max(1.0) as u64, count: 0, skipped: 0 }
     }
 
-    /// The number of substeps to simulate up to the time `now` (s). If that is more than are simulated at once,
-    /// the earlier ones are left out, and the second value is true.
+    /// The number of substeps to simulate up to the time `now` (s). If that is more than are simulated at
+    /// once, the earlier ones are left out, and the second value is true.
     pub fn due(&mut self, now: f64) -> (u64, bool) {
         // A time that is a multiple of the substep may come out one rounding below it. The cast saturates.
         let target = (now / self.length + 1e-6) as u64;
         let steps = target.saturating_sub(self.count);
-        if steps <= self.most {
+        if steps <= self.max_at_once {
             return (steps, false);
         }
-        self.skipped = self.skipped.saturating_add(steps - self.most);
-        self.count = target - self.most;
-        (self.most, true)
+        self.skipped = self.skipped.saturating_add(steps - self.max_at_once);
+        self.count = target - self.max_at_once;
+        (self.max_at_once, true)
     }
 
     /// Time of the last substep, s.

@@ -92,7 +92,7 @@ fn friction_stops_the_handle_short_by_at_most_friction_over_stiffness() {
 }
 
 #[test]
-fn a_force_below_friction_moves_nothing_and_one_above_does() {
+fn force_moves_the_handle_only_above_friction() {
     let open = || Emulation { hand: Hand::NONE, ..Emulation::default() }.open(Pose::IDENTITY).unwrap();
     let Handle { friction, angular_friction, .. } = Emulation::default().handle;
     let direction = DVec3::new(1.0, -2.0, 2.0) / 3.0;
@@ -152,8 +152,8 @@ fn a_stiff_wall_is_stable_and_gives_no_energy() {
     let emulation = Emulation::default();
     let stiffness = emulation.specification.stiffness;
     let (given, deepest, wander) = press_into_wall(emulation, stiffness, 1.0);
-    // A spring pressed to the depth reached stores this much; sampling may give back a small part more than it
-    // took.
+    // A spring pressed to the depth reached stores this much; sampling may give back a small part more than
+    // it took.
     let stored = 0.5 * stiffness * deepest * deepest;
     assert!(deepest > 5e-4, "the wall was pressed: {deepest}");
     assert!(given < 0.02 * stored, "the wall gave {given} J of {stored} J");
@@ -198,7 +198,8 @@ fn presets_render_their_own_ceilings() {
     }
 }
 
-/// A run with a wrench that depends on the state, written at every millisecond; read `between` times inside each.
+/// A run with a wrench that depends on the state, written at every millisecond; read `between` times inside
+/// each.
 fn trace(between: &dyn Fn(u32) -> u32) -> Vec<DeviceState> {
     let keyframes = (0..20)
         .map(|i| {
@@ -452,7 +453,7 @@ fn a_late_wrench_moves_the_handle_as_one_written_later_does() {
 
 /// The queue never grows beyond its initial capacity, and time left out counts towards the delay.
 #[test]
-fn wrenches_on_their_way_need_no_more_room_than_at_the_start() {
+fn pending_wrenches_need_no_allocation() {
     let mut device = late(MAX_DELAY).open(Pose::IDENTITY).unwrap();
     let room = device.wrench.pending.capacity();
     for i in 0..5000 {

@@ -24,7 +24,7 @@ pub(crate) use service::{ADDRESS, open};
 /// Middle of the workspace in the device's frame, m (as in the maker's examples).
 const CENTER: DVec3 = DVec3::new(0.04, -0.17, 0.16);
 /// Size of the report that carries a force, bytes.
-const FORCE: usize = 12;
+const FORCE_BYTES: usize = 12;
 
 /// Codec of the reports that carry messages.
 #[derive(Clone, Copy, Debug, Default)]
@@ -45,10 +45,10 @@ impl Codec for Inverse3Codec {
     fn encode(&mut self, wrench: &Wrench, sample: &Inverse3State, say: &mut dyn FnMut(Report)) {
         // A device that is not ready gets zero force.
         let force = if sample.ready { wrench.force } else { DVec3::ZERO };
-        let mut bytes = [0; FORCE];
+        let mut bytes = [0; FORCE_BYTES];
         let words = bytes.as_chunks_mut::<4>().0;
         words.iter_mut().zip(force.to_array()).for_each(|(to, part)| *to = (part as f32).to_le_bytes());
-        say(Report::new(&bytes, FORCE));
+        say(Report::new(&bytes, FORCE_BYTES));
     }
 }
 
@@ -107,7 +107,7 @@ pub fn inverse3() -> Link<Inverse3Codec, Inverse3Motion> {
             actuated: Axes::TRANSLATION,
             handle: None,
         },
-        patience: Duration::from_millis(5),
+        read_timeout: Duration::from_millis(5),
         silence: 0.02,
     }
 }

@@ -7,14 +7,14 @@ use std::time::Duration;
 use tungstenite::{Error, Message, WebSocket};
 
 use super::message::{Dialect, force_message, parse_state};
-use super::{FORCE, inverse3};
+use super::{FORCE_BYTES, inverse3};
 use crate::link::{LONGEST_REPORT, Transport, TransportError};
 use crate::{DeviceError, HapticDevice};
 
 /// Address at which the service listens.
 pub(crate) const ADDRESS: &str = "127.0.0.1:10001";
 /// Longest time that connecting to the service may take.
-const PATIENCE: Duration = Duration::from_millis(500);
+const CONNECT_TIMEOUT: Duration = Duration::from_millis(500);
 const REMEDY: &str = "start Haply's Inverse service, and plug the device in";
 
 /// Opens the first Inverse3 of the service at an address.
@@ -38,15 +38,15 @@ struct Connection {
     dialect: Dialect,
     /// The device's number, once known.
     device: Option<String>,
-    patience: Duration,
+    timeout: Duration,
 }
 
 impl Connection {
     fn open(place: SocketAddr) -> Result<Self, String> {
         let connect = || -> std::io::Result<TcpStream> {
-            let stream = TcpStream::connect_timeout(&place, PATIENCE)?;
-            stream.set_read_timeout(Some(PATIENCE))?;
-            stream.set_write_timeout(Some(PATIENCE))?;
+            let stream = TcpStream::connect_timeout(&place, CONNECT_TIMEOUT)?;
+            stream.set_read_timeout(Some(CONNECT_TIMEOUT))?;
+            stream.set_write_timeout(Some(CONNECT_TIMEOUT))?;
             stream.set_nodelay(true)?;
             Ok(stream)
         };
@@ -54,7 +54,7 @@ impl Connection {
         let stream = connect().map_err(|error| error.to_string())?;
         let (socket, _) =
             tungstenite::client(format!("ws://{place}"), stream).map_err(|error| error.to_string())?;
-        Ok(Self { socket, dialect, device: None, patience: PATIENCE })
+        Ok(Self { socket, dialect, device: None, timeout: CONNECT_TIMEOUT })
     }
 }
 
@@ -79,17 +79,17 @@ fn asked(mut stream: TcpStream, place: SocketAddr) -> Dialect {
 
 impl Connection {
     /// The next message, if one comes in time.
-    fn message(&mut self, patience: Duration) -> Result<Message, Error> {
-        if patience.is_zero() {
+    fn message(&mut self, timeout: Duration) -> Result<Message, Error> {
+        if timeout.is_zero() {
             // A timeout of zero would mean none, and a short one is rounded up to some milliseconds.
             self.socket.get_ref().set_nonblocking(true)?;
             let message = self.socket.read();
             self.socket.get_ref().set_nonblocking(false)?;
             return message;
         }
-        if patience != self.patience {
-            self.patience = patience;
-            self.socket.get_ref().set_read_timeout(Some(patience))?;
+        if timeout != self.timeout {
+            self.timeout = timeout;
+            self.socket.get_ref().set_read_timeout(Some(timeout))?;
         }
         self.socket.read()
     }
@@ -99,9 +99,9 @@ impl Transport for Connection {
     fn read(
         &mut self,
         report: &mut [u8; LONGEST_REPORT],
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<usize, TransportError> {
-        let message = match self.message(patience) {
+        let message = match self.message(timeout) {
             Ok(Message::Text(message)) => message,
             Ok(_) => return Ok(0),
             Err(Error::Io(error)) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
@@ -123,7 +123,7 @@ impl Transport for Connection {
     }
 
     fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {
-        let report: &[u8; FORCE] = report.try_into().map_err(|_| TransportError::Failed)?;
+        let report: &[u8; FORCE_BYTES] = report.try_into().map_err(|_| TransportError::Failed)?;
         let (words, _) = report.as_chunks::<4>();
         let force = [0, 1, 2].map(|axis: usize| f32::from_le_bytes(words[axis]));
         // The service answers every message; the first ones ask which devices there are.

@@ -7,7 +7,7 @@ use std::time::Duration;
 use hidapi::{HidApi, HidError};
 
 use super::wooden_haptics::WoodenHapticsModel;
-use super::{Driver, LONGEST, PidCodec, known};
+use super::{Driver, LONGEST_HID_REPORT, PidCodec, known};
 use crate::link::{LONGEST_REPORT, Link, Transport, TransportError};
 use crate::{DeviceError, HapticDevice};
 
@@ -180,14 +180,16 @@ impl Transport for HidTransport {
     fn read(
         &mut self,
         report: &mut [u8; LONGEST_REPORT],
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<usize, TransportError> {
-        self.0.read_timeout(&mut report[..LONGEST], patience.as_millis() as i32).map_err(|error| match cause(
-            &error,
-        ) {
-            // A signal interrupted the call.
-            Some(std::io::ErrorKind::Interrupted | std::io::ErrorKind::WouldBlock) => TransportError::Failed,
-            _ => TransportError::Disconnected,
+        self.0.read_timeout(&mut report[..LONGEST_HID_REPORT], timeout.as_millis() as i32).map_err(|error| {
+            match cause(&error) {
+                // A signal interrupted the call.
+                Some(std::io::ErrorKind::Interrupted | std::io::ErrorKind::WouldBlock) => {
+                    TransportError::Failed
+                }
+                _ => TransportError::Disconnected,
+            }
         })
     }
 
@@ -200,7 +202,7 @@ impl Transport for HidTransport {
     }
 
     fn get_feature(&mut self, report: &mut [u8; LONGEST_REPORT]) -> Result<usize, TransportError> {
-        self.0.get_feature_report(&mut report[..LONGEST]).map_err(|error| refused(&error))
+        self.0.get_feature_report(&mut report[..LONGEST_HID_REPORT]).map_err(|error| refused(&error))
     }
 }
 

@@ -23,7 +23,7 @@ pub use wooden_haptics::{EncodedMotion, Encoders, WoodenHapticsCodec, WoodenHapt
 
 /// Longest HID report that is read or written here, in bytes, with its number.
 #[cfg(feature = "hid")]
-const LONGEST: usize = 65;
+const LONGEST_HID_REPORT: usize = 65;
 
 /// The drivers of HID devices in this crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

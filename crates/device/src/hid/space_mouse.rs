@@ -192,7 +192,7 @@ impl Link<SpaceMouseCodec, RateControl> {
             codec: SpaceMouseCodec,
             motion: RateControl::default(),
             specification,
-            patience: Duration::from_millis(10),
+            read_timeout: Duration::from_millis(10),
             silence: f64::INFINITY,
         }
     }

@@ -27,19 +27,19 @@ use crate::{Axes, DeviceError, Specification};
 pub(super) const KNOWN: (u16, u16, &str) = (0x16c0, 0x0486, "WoodenHaptics (or another Teensy)");
 
 /// Size of a report that is read, and of one that is written with its number, bytes.
-const READ: usize = 14;
-const WRITTEN: usize = 65;
+const READ_BYTES: usize = 14;
+const WRITTEN_BYTES: usize = 65;
 /// Count of encoder d above which the button is held, and the offset that the button adds to it.
 const PRESSED_ABOVE: i16 = 5000;
 const PRESS_OFFSET: i16 = 10_000;
 /// Info code by which the device asks for its encoders to be set.
-const CALIBRATE: i16 = 1;
+const CALIBRATION_REQUEST: i16 = 1;
 /// Largest current that the amplifiers sustain, A.
 const MAX_CURRENT: f64 = 1.999;
 /// Longest wait of a round for a report, after which the device gets a command regardless; and the silence
 /// after which it counts as lost, s.
-const PATIENCE: Duration = Duration::from_millis(5);
-const SILENCE: f64 = 0.01;
+const READ_TIMEOUT: Duration = Duration::from_millis(5);
+const SILENCE_TIMEOUT: f64 = 0.01;
 
 /// Construction of a unit, as in the makers' `woodenhaptics.json`, with their names. Lengths in m, for bodies
 /// and motors a, b and c; counts per turn for the encoders of the wrist too, 0 if there is none.
@@ -386,13 +386,13 @@ impl Codec for WoodenHapticsCodec {
     type Sample = Encoders;
 
     fn decode(&mut self, report: &[u8], sample: &mut Encoders) -> Result<(), Malformed> {
-        let report = report.get(..READ).ok_or(Malformed)?;
+        let report = report.get(..READ_BYTES).ok_or(Malformed)?;
         let (words, _) = report.as_chunks::<2>();
         let [a, b, c, d, e, f, info] = *words else { return Err(Malformed) };
         let [a, b, c, d, e, f, info] = [a, b, c, d, e, f, info].map(i16::from_le_bytes);
         let pressed = d > PRESSED_ABOVE;
         let d = if pressed { d - PRESS_OFFSET } else { d };
-        *sample = Encoders { counts: [a, b, c, d, e, f], pressed, lost: info == CALIBRATE };
+        *sample = Encoders { counts: [a, b, c, d, e, f], pressed, lost: info == CALIBRATION_REQUEST };
         Ok(())
     }
 
@@ -416,7 +416,7 @@ impl Codec for WoodenHapticsCodec {
             .iter_mut()
             .zip(words)
             .for_each(|(to, word)| *to = word.to_le_bytes());
-        say(Report::new(&bytes, WRITTEN));
+        say(Report::new(&bytes, WRITTEN_BYTES));
     }
 }
 
@@ -473,8 +473,8 @@ impl Link<WoodenHapticsCodec, EncodedMotion> {
             codec: WoodenHapticsCodec { model },
             motion: EncodedMotion::new(model),
             specification: model.specification(name),
-            patience: PATIENCE,
-            silence: SILENCE,
+            read_timeout: READ_TIMEOUT,
+            silence: SILENCE_TIMEOUT,
         }
     }
 }

@@ -215,9 +215,9 @@ impl<M: Motion> LinkedDevice<M> {
     }
 
     /// Waits for the first report of a device that sends by itself.
-    pub(super) fn await_first_report(&mut self, patience: Duration) {
+    pub(super) fn await_first_report(&mut self, timeout: Duration) {
         let start = Instant::now();
-        while self.silence.is_finite() && self.heard.read().reports == 0 && start.elapsed() < patience {
+        while self.silence.is_finite() && self.heard.read().reports == 0 && start.elapsed() < timeout {
             std::thread::sleep(Duration::from_millis(1));
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! A driver is a [`Codec`] (bytes to a state, and a wrench to bytes; no clock, no system call) and a
 //! [`Motion`] (states to poses and twists). A [`Link`] makes a device of them and of a [`Transport`], which
-//! carries their reports; in tests that is a [`FakeWire`]. A driver of your own needs no more than these.
+//! carries their reports; in tests that is a [`FakeWire`]. Your own driver needs only these.
 //!
 //! A system call for a report may take long. It is made in a thread of its own ([`Pump`]), which passes the
 //! newest [`Codec::Sample`] to the haptic thread and takes the newest wrench from it, through triple buffers.
@@ -10,7 +10,7 @@
 //!
 //! The wrench is zero while the device is silent or not enabled, when the haptic thread does not renew it
 //! within 8 ms, after 25 ms without a write, and after the device was gone until a new one is commanded. If
-//! zero is sent in place of another wrench, [`Status::WITHHELD`](crate::Status::WITHHELD) is set, and zero
+//! zero is sent instead of another wrench, [`Status::WITHHELD`](crate::Status::WITHHELD) is set, and zero
 //! stays until the haptic thread commands a wrench after it has read that status: if it then starts from
 //! zero, the hand never feels a jump.
 
@@ -61,7 +61,7 @@ pub struct Link<C: Codec, M> {
     /// Specification of the device.
     pub specification: Specification,
     /// Longest time that a round of the [`Pump`] waits for a report.
-    pub patience: Duration,
+    pub read_timeout: Duration,
     /// Silence after which the device counts as lost, s; infinite for a device that sends only when it is
     /// moved.
     pub silence: f64,
@@ -84,10 +84,10 @@ impl<C: Codec, M: Motion<Sample = C::Sample>> Link<C, M> {
         self,
         open: impl FnMut() -> Option<Box<dyn Transport>> + Send + 'static,
     ) -> (Pump<C>, LinkedDevice<M>) {
-        let Self { codec, motion, specification, patience, silence } = self;
+        let Self { codec, motion, specification, read_timeout, silence } = self;
         let (published, heard) = triple_buffer::triple_buffer(&News::default());
         let (asked, orders) = triple_buffer::triple_buffer(&Order::default());
-        let pump = Pump::new(codec, (patience, silence.is_finite()), Box::new(open), published, orders);
+        let pump = Pump::new(codec, (read_timeout, silence.is_finite()), Box::new(open), published, orders);
         let device = LinkedDevice::new(specification, motion, silence, heard, asked);
         (pump, device)
     }

@@ -61,7 +61,7 @@ pub struct Pump<C: Codec> {
     transport: Option<Box<dyn Transport>>,
     clock: Clock,
     /// Longest time that a round waits for a report.
-    patience: Duration,
+    read_timeout: Duration,
     /// Whether the device sends by itself, so that silence is a fault.
     talks: bool,
     news: News<C::Sample>,
@@ -78,7 +78,7 @@ impl<C: Codec> Pump<C> {
     /// A pump of a device that is not open yet; `talks` if it sends by itself, so that silence is a fault.
     pub(super) fn new(
         codec: C,
-        (patience, talks): (Duration, bool),
+        (read_timeout, talks): (Duration, bool),
         open: Opener,
         published: triple_buffer::Input<News<C::Sample>>,
         orders: triple_buffer::Output<Order>,
@@ -88,7 +88,7 @@ impl<C: Codec> Pump<C> {
             open,
             transport: None,
             clock: Clock::Rounds(0.0),
-            patience,
+            read_timeout,
             talks,
             news: News::default(),
             published,
@@ -160,14 +160,14 @@ impl<C: Codec> Pump<C> {
     /// Takes all waiting reports; gives whether one was understood.
     fn listen(&mut self) -> bool {
         let before = self.news.reports;
-        let (mut report, mut patience) = ([0; LONGEST_REPORT], self.patience);
+        let (mut report, mut read_timeout) = ([0; LONGEST_REPORT], self.read_timeout);
         let mut failures = 0;
         for _ in 0..REPORTS_PER_ROUND {
             let Some(transport) = &mut self.transport else { break };
-            match transport.read(&mut report, patience) {
+            match transport.read(&mut report, read_timeout) {
                 Ok(0) => break,
                 Ok(length) => {
-                    patience = Duration::ZERO;
+                    read_timeout = Duration::ZERO;
                     let news = &mut self.news;
                     match self.codec.decode(&report[..length.min(LONGEST_REPORT)], &mut news.sample) {
                         Ok(()) => (news.arrived, news.reports) = (self.clock.now(), news.reports + 1),
@@ -189,7 +189,7 @@ impl<C: Codec> Pump<C> {
         let news = &mut self.news;
         news.enabled = self.codec.is_enabled(&news.sample);
         // A transport that does not wait, such as the fake one, has rounds without a report.
-        let heard = heard || news.reports > 0 && now - news.arrived < self.patience.as_secs_f64();
+        let heard = heard || news.reports > 0 && now - news.arrived < self.read_timeout.as_secs_f64();
         let live = news.enabled
             && (heard || !self.talks)
             && order.number > self.stale

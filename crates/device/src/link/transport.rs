@@ -23,11 +23,8 @@ pub trait Transport: Send {
     ///
     /// # Errors
     /// See [`TransportError`].
-    fn read(
-        &mut self,
-        report: &mut [u8; LONGEST_REPORT],
-        patience: Duration,
-    ) -> Result<usize, TransportError>;
+    fn read(&mut self, report: &mut [u8; LONGEST_REPORT], timeout: Duration)
+    -> Result<usize, TransportError>;
 
     /// Sends a report.
     ///
@@ -58,9 +55,9 @@ impl<T: Transport + ?Sized> Transport for Box<T> {
     fn read(
         &mut self,
         report: &mut [u8; LONGEST_REPORT],
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<usize, TransportError> {
-        (**self).read(report, patience)
+        (**self).read(report, timeout)
     }
 
     fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {

@@ -10,11 +10,11 @@ use crate::link::{Found, LONGEST_REPORT, Link, TransportError};
 use crate::{Axes, DeviceError, Emulation, HapticDevice, Specification};
 
 /// Longest time that a round waits for a state.
-const PATIENCE: Duration = Duration::from_millis(5);
+const READ_TIMEOUT: Duration = Duration::from_millis(5);
 /// Time without a state after which a device counts as lost, s.
-const SILENCE: f64 = 0.02;
+const SILENCE_TIMEOUT: f64 = 0.02;
 /// Number of consecutive failed calls after which a device counts as disconnected.
-const FAILURES: u32 = 4;
+const MAX_FAILURES: u32 = 4;
 
 /// The part of an address after the colon: the device and the library, `WHICH@LIBRARY`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,7 +40,8 @@ pub(super) fn open(
 ) -> Result<Box<dyn HapticDevice>, DeviceError> {
     let specification = specification(maker.into(), None, Axes::ALL, Axes::NONE, 0.0);
     let motion = SdkMotion::new(&specification);
-    let link = Link { codec: SdkCodec, motion, specification, patience: PATIENCE, silence: SILENCE };
+    let link =
+        Link { codec: SdkCodec, motion, specification, read_timeout: READ_TIMEOUT, silence: SILENCE_TIMEOUT };
     Ok(Box::new(link.spawn_apart(connect)?))
 }
 
@@ -70,7 +71,7 @@ pub(super) fn specification(
         // A reading is answered after the next one has been read, and the device takes that up in its own
         // round.
         delay: 2.0 * round,
-        // The handle of an emulation says nothing about a real unit.
+        // The handle of an emulation does not describe a real unit.
         handle: None,
         ..of
     }
@@ -81,11 +82,15 @@ pub(super) fn specification(
 pub(super) struct Failures(u32);
 
 impl Failures {
-    /// Counts the outcome of a call: `Disconnected` after the last of [`FAILURES`] consecutive failures,
+    /// Counts the outcome of a call: `Disconnected` after the last of [`MAX_FAILURES`] consecutive failures,
     /// `Failed` before.
     pub fn judge<T>(&mut self, outcome: Option<T>) -> Result<T, TransportError> {
         self.0 = if outcome.is_some() { 0 } else { self.0.saturating_add(1) };
-        outcome.ok_or(if self.0 < FAILURES { TransportError::Failed } else { TransportError::Disconnected })
+        outcome.ok_or(if self.0 < MAX_FAILURES {
+            TransportError::Failed
+        } else {
+            TransportError::Disconnected
+        })
     }
 }
 
@@ -140,12 +145,12 @@ mod tests {
     fn failures_are_counted() {
         let mut failures = Failures::default();
         for _ in 0..2 {
-            for _ in 1..FAILURES {
+            for _ in 1..MAX_FAILURES {
                 assert_eq!(failures.judge::<()>(None), Err(TransportError::Failed));
             }
             assert_eq!(failures.judge(Some(7)), Ok(7));
         }
-        let last = (0..FAILURES).map(|_| failures.judge::<()>(None)).last();
+        let last = (0..MAX_FAILURES).map(|_| failures.judge::<()>(None)).last();
         assert_eq!(last, Some(Err(TransportError::Disconnected)));
     }
 }

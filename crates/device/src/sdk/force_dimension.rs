@@ -131,9 +131,9 @@ impl Transport for Calls {
     fn read(
         &mut self,
         report: &mut [u8; LONGEST_REPORT],
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<usize, TransportError> {
-        if !self.pace.wait(patience) {
+        if !self.pace.wait(timeout) {
             return Ok(0);
         }
         write_state(self.state(), &mut self.reads, report)

@@ -84,13 +84,13 @@ impl Transport for Frames {
     fn read(
         &mut self,
         report: &mut [u8; LONGEST_REPORT],
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<usize, TransportError> {
         let start = Instant::now();
         let frame = loop {
             match self.device.frame() {
                 Some(frame) => break frame,
-                None if start.elapsed() >= patience => return Ok(0),
+                None if start.elapsed() >= timeout => return Ok(0),
                 None => std::thread::sleep(POLL_PERIOD),
             }
         };

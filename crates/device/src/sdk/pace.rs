@@ -14,13 +14,13 @@ impl Pace {
         Self { period, due: Instant::now() }
     }
 
-    /// Waits until the next call is due, or `patience` has passed; gives whether it is due.
-    pub fn wait(&mut self, patience: Duration) -> bool {
+    /// Waits until the next call is due, or `timeout` has passed; gives whether it is due.
+    pub fn wait(&mut self, timeout: Duration) -> bool {
         let early = self.due.saturating_duration_since(Instant::now());
         if !early.is_zero() {
-            std::thread::sleep(early.min(patience));
+            std::thread::sleep(early.min(timeout));
         }
-        if early > patience {
+        if early > timeout {
             return false;
         }
         self.due = Instant::now() + self.period;

@@ -11,8 +11,8 @@ use palpate_core::Wrench;
 use crate::link::{Codec, Malformed, Report};
 
 /// Size of the two reports, bytes.
-const READ: usize = 8 + 13 * 8;
-const WRITTEN: usize = 6 * 8;
+const READ_BYTES: usize = 8 + 13 * 8;
+const WRITTEN_BYTES: usize = 6 * 8;
 const READY: u32 = 1;
 const LINEAR: u32 = 2;
 const ANGULAR: u32 = 4;
@@ -53,14 +53,14 @@ impl Default for SdkState {
 
 impl SdkState {
     /// The state as a report of 112 bytes.
-    pub fn to_report(&self) -> [u8; READ] {
+    pub fn to_report(&self) -> [u8; READ_BYTES] {
         let flag = |set: bool, flag: u32| if set { flag } else { 0 };
         let flags = flag(self.ready, READY)
             | flag(self.linear.is_some(), LINEAR)
             | flag(self.angular.is_some(), ANGULAR);
         let (linear, angular) = (self.linear.unwrap_or_default(), self.angular.unwrap_or_default());
         let numbers = self.position.into_iter().chain(self.orientation).chain(linear).chain(angular);
-        let mut report = [0; READ];
+        let mut report = [0; READ_BYTES];
         let (words, _) = report.as_chunks_mut::<8>();
         if let [head, tail @ ..] = words {
             *head = (u64::from(flags) | u64::from(self.buttons) << 32).to_le_bytes();
@@ -75,7 +75,7 @@ impl SdkState {
     /// If its length or flags are wrong, a number is not finite, the orientation is not a unit quaternion, or
     /// position or velocity are beyond those of any device.
     pub fn from_report(report: &[u8]) -> Result<Self, Malformed> {
-        let report: &[u8; READ] = report.try_into().map_err(|_| Malformed)?;
+        let report: &[u8; READ_BYTES] = report.try_into().map_err(|_| Malformed)?;
         let (words, _) = report.as_chunks::<8>();
         // Word 0: flags and buttons; 1 to 3: position; 4 to 7: orientation; 8 to 10 and 11 to 13: velocities.
         let head = u64::from_le_bytes(words[0]);
@@ -113,7 +113,7 @@ impl SdkState {
 /// # Errors
 /// If its length is wrong or a number is not finite.
 pub fn wrench_of(report: &[u8]) -> Result<Wrench, Malformed> {
-    let report: &[u8; WRITTEN] = report.try_into().map_err(|_| Malformed)?;
+    let report: &[u8; WRITTEN_BYTES] = report.try_into().map_err(|_| Malformed)?;
     let (words, _) = report.as_chunks::<8>();
     let vector =
         |first: usize| DVec3::from_array([0, 1, 2].map(|axis| f64::from_le_bytes(words[first + axis])));
@@ -141,9 +141,9 @@ impl Codec for SdkCodec {
         // A device that is not ready gets a zero wrench.
         let wrench = if sample.ready { *wrench } else { Wrench::ZERO };
         let numbers = wrench.force.to_array().into_iter().chain(wrench.torque.to_array());
-        let mut bytes = [0; WRITTEN];
+        let mut bytes = [0; WRITTEN_BYTES];
         let (words, _) = bytes.as_chunks_mut::<8>();
         words.iter_mut().zip(numbers).for_each(|(to, number)| *to = number.to_le_bytes());
-        say(Report::new(&bytes, WRITTEN));
+        say(Report::new(&bytes, WRITTEN_BYTES));
     }
 }

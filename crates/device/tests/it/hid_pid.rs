@@ -172,7 +172,7 @@ fn a_constant_force_is_kept_for_each_axis() {
 }
 
 #[test]
-fn a_device_without_room_or_with_stalled_features_is_none_until_it_is_well() {
+fn full_device_or_one_with_stalled_features_is_retried() {
     let wire = FakeWire::new();
     wire.stall_features(true);
     let other = wire.clone();
@@ -260,7 +260,7 @@ fn any_descriptor_and_any_bytes_end_well() {
     assert!(reports >= 1_000_000 && said > 100_000, "{reports} {said}");
 }
 
-/// What a stick of [`joystick`] renders, from the reports written to it: effects that end by themselves.
+/// Force that a [`joystick`] renders, from the reports written to it: its effects end by themselves.
 #[derive(Default)]
 struct Player {
     /// Magnitude, duration (ms) and start (ms) of each effect.
@@ -369,7 +369,7 @@ fn a_force_that_is_kept_up_does_not_drop_though_rounds_are_late() {
 }
 
 #[test]
-fn a_force_whose_end_was_lost_on_the_way_ends_all_the_same() {
+fn force_ends_although_the_report_that_ends_it_was_lost() {
     let mut host = host();
     for _ in 0..100 {
         host.round(PUSH, 1);

@@ -283,8 +283,8 @@ impl Codec for Faulty {
 fn a_driver_that_panics_is_a_lost_device() {
     let wire = FakeWire::new();
     let other = wire.clone();
-    let Link { motion, specification, patience, silence, .. } = Link::space_mouse("cap");
-    let link = Link { codec: Faulty, motion, specification, patience, silence };
+    let Link { motion, specification, read_timeout, silence, .. } = Link::space_mouse("cap");
+    let link = Link { codec: Faulty, motion, specification, read_timeout, silence };
     let mut device = link.spawn(move || Some(Box::new(other.open()?))).unwrap();
     assert!(device.read(0.0).is_ok());
     wire.send(&[1, 0, 0, 0, 0, 0, 0]);

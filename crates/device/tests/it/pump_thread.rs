@@ -27,16 +27,16 @@ impl Transport for Watched {
     fn read(
         &mut self,
         report: &mut [u8; LONGEST_REPORT],
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<usize, TransportError> {
         *self.priority.lock().unwrap() = realtime_priority();
-        if patience.is_zero() {
+        if timeout.is_zero() {
             // The second read of a round.
             return Ok(0);
         }
         std::thread::sleep(self.waits);
         self.wire.send(&[0, 1333_i16, 2547, 0, 0, 0, 0].map(i16::to_le_bytes).concat());
-        self.inner.read(report, patience)
+        self.inner.read(report, timeout)
     }
 
     fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {

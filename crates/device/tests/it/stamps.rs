@@ -74,7 +74,7 @@ fn uneven_times_of_reading_give_no_ripple() {
 
 /// A position in mm instead of m, say, or after encoders have lost count.
 #[test]
-fn a_place_that_is_far_outside_the_workspace_is_none() {
+fn positions_far_outside_the_workspace_are_rejected() {
     let wire = FakeWire::new();
     let other = wire.clone();
     let (mut pump, mut device) = inverse3().split(move || Some(Box::new(other.open()?)));

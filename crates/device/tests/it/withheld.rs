@@ -1,4 +1,4 @@
-//! Zero that the driver sends in place of a wrench is reported, and the wrench comes up again only from zero.
+//! Zero that the driver sends instead of a wrench is reported, and the wrench then rises only from zero.
 
 use glam::DVec3;
 use palpate_core::Wrench;
@@ -71,7 +71,7 @@ fn after_silence_the_force_comes_up_from_zero() {
 }
 
 #[test]
-fn what_was_asked_for_without_knowing_is_not_obeyed() {
+fn wrenches_commanded_before_reading_the_status_stay_withheld() {
     let mut bench = Bench::new();
     let wrench = Wrench::new(DVec3::X, DVec3::ZERO);
     bench.alive = false;
@@ -175,8 +175,8 @@ fn disabled<C: Codec, M: Motion<Sample = C::Sample>>(
 fn a_device_that_is_not_ready_is_not_enabled_and_its_force_comes_up_from_zero() {
     let specification = Emulation::default().specification;
     let motion = SdkMotion::new(&specification);
-    let patience = std::time::Duration::from_millis(5);
-    let link = Link { codec: SdkCodec, motion, specification, patience, silence: 0.02 };
+    let read_timeout = std::time::Duration::from_millis(5);
+    let link = Link { codec: SdkCodec, motion, specification, read_timeout, silence: 0.02 };
     let state = |ready| SdkState { ready, ..SdkState::default() };
     disabled(link, |ready| state(ready).to_report().to_vec(), |said| wrench_of(said).unwrap().force.x);
 

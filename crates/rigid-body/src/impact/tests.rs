@@ -29,16 +29,16 @@ fn bounced(state: &BodyState, law: &Law) -> (Twist, Touch) {
 }
 
 #[test]
-fn a_ball_bounces_by_restitution_and_friction() {
+fn ball_bounces_by_restitution_and_friction() {
     let start = moving(DVec3::new(1.0, 0.0, -2.0), DVec3::ZERO);
     for restitution in [0.0, 0.3, 0.8, 1.0] {
-        // Friction that is not enough: it slides on.
+        // Too little friction: it keeps sliding.
         let (sliding, touch) = bounced(&start, &law(restitution, 0.05));
         assert!((sliding.linear.z - 2.0 * restitution).abs() < 1e-9);
         let slowed = 1.0 - 0.05 * 2.0 * (1.0 + restitution);
         assert!((sliding.linear.x - slowed).abs() < 1e-9, "{sliding:?}");
         assert!((touch.impulse - 0.05 * (sliding.linear - start.twist.linear)).length() < 1e-12);
-        // Enough of it: it rolls off with 5/7 of its speed.
+        // Sufficient friction: it rolls with 5/7 of its speed.
         let (rolling, _) = bounced(&start, &law(restitution, 0.6));
         assert!((rolling.linear.x - 5.0 / 7.0).abs() < 1e-9, "{rolling:?}");
         assert!(rolling.velocity_at(-0.02 * DVec3::Z).truncate().length() < 1e-9);
@@ -47,9 +47,9 @@ fn a_ball_bounces_by_restitution_and_friction() {
 }
 
 #[test]
-fn slow_contacts_are_brought_back_to_where_they_were() {
+fn slow_contacts_return_to_their_place() {
     let law = law(0.0, 0.5);
-    // A step of gravity on a slope of 20°, as it is in the middle of a train of impulses.
+    // A step of gravity on a slope of 20°, as in a train of impulses.
     let normal = DQuat::from_rotation_y(0.35) * DVec3::Z;
     let state = moving(0.5 * law.flight * law.gravity, DVec3::ZERO);
     let mut touch = Touch::plastic(DVec3::ZERO, normal);
@@ -57,7 +57,7 @@ fn slow_contacts_are_brought_back_to_where_they_were() {
     let mut touches = [touch];
     let twist = strike(&ball(0.05, 0.02), &state, &mut touches, law.friction);
     assert!((twist.linear + state.twist.linear).length() < 1e-12, "{twist:?}");
-    // Faster, but not fast enough to leave the envelope: damped to the same.
+    // Faster, but too slow to leave the envelope: damped to the same.
     let state = moving(-0.015 * DVec3::Z, DVec3::ZERO);
     let mut touch = Touch::plastic(DVec3::ZERO, DVec3::Z);
     assert!(!law.aim(&mut touch, &state.twist));
@@ -111,11 +111,11 @@ fn energy_never_rises_at_an_impact() {
         unguarded += u32::from(energy(free) > before * (1.0 + 1e-9));
         let twist = strike(&body, &state, &mut touches, friction);
         assert!(energy(twist) <= before, "seed {seed}, trial {trial}: {:e}", energy(twist) / before - 1.0);
-        // What is told of the impulses is what was done to the body, and they are in the friction cones.
-        let mut told = state.twist;
-        let mobility = Mobility { linear: 1.0 / body.mass(), angular: body.inverse_inertia(&state) };
+        // The stored impulses are those applied to the body, and are in the friction cones.
+        let mut expected = state.twist;
+        let inverse_mass = InverseMass { linear: 1.0 / body.mass(), angular: body.inverse_inertia(&state) };
         for touch in &touches {
-            mobility.kick(&mut told, touch.arm, touch.impulse);
+            inverse_mass.apply(&mut expected, touch.arm, touch.impulse);
             let push = touch.impulse.dot(touch.normal);
             let rub = touch.impulse.reject_from(touch.normal).length();
             let slack = 1e-9 * touch.impulse.length();
@@ -125,12 +125,12 @@ fn energy_never_rises_at_an_impact() {
             );
         }
         let size = 1.0 + twist.linear.length() + twist.angular.length();
-        let off = (told.linear - twist.linear).length() + (told.angular - twist.angular).length();
+        let off = (expected.linear - twist.linear).length() + (expected.angular - twist.angular).length();
         assert!(off < 1e-9 * size, "seed {seed}, trial {trial}: {off:e}");
         let approach = |touch: &Touch| -twist.velocity_at(touch.arm).dot(touch.normal);
         still_coming += u32::from(touches.iter().any(|touch| approach(touch) > 1e-3 * size));
     }
-    // The guard has something to do, and is no excuse for letting bodies come closer.
+    // The energy guard was needed in some cases, and bodies do not approach in any.
     assert!(unguarded > 1000, "{unguarded}");
     assert!(still_coming < 200, "{still_coming}");
 }

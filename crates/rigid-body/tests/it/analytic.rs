@@ -1,4 +1,4 @@
-//! Motions whose course is known.
+//! Motions with a known solution.
 
 use crate::worlds::{ball, block};
 use palpate_collide::{ErrorMetrics, QueryError, Shape};
@@ -6,7 +6,7 @@ use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
 use palpate_rigid_body::{BodyState, RigidBody, Settings, SettingsError, Simulation, StepError};
 
-/// Upper face at z = 0.
+/// Pose of the ground: its upper face is at z = 0.
 const GROUND: Pose = Pose::from_translation(DVec3::new(0.0, 0.0, -0.05));
 const GRAVITY: f64 = 9.80665;
 const TOLERANCE: f64 = 1e-4;
@@ -21,7 +21,7 @@ fn simulation(shape: &Shape, ground_pose: Pose, start: BodyState, settings: Sett
 }
 
 #[test]
-fn a_ball_bounces_to_e_squared_of_its_height() {
+fn ball_bounces_to_e_squared_of_its_height() {
     let (radius, height) = (0.02, 0.3);
     let shape = ball(radius);
     for (restitution, step) in [(0.5, 1e-3), (0.8, 1e-3), (0.8, 2.5e-4), (1.0, 4e-3)] {
@@ -38,7 +38,7 @@ fn a_ball_bounces_to_e_squared_of_its_height() {
             }
         }
         assert_eq!(hits, 2);
-        // The surfaces collide at up to half the tolerance, and it is seen a step at a time.
+        // Surfaces collide at up to half the tolerance, and the height is sampled once a step.
         let seen = GRAVITY * step * step;
         let off = apex - restitution * restitution * height;
         assert!(off.abs() < TOLERANCE + seen, "e {restitution}, step {step}: off by {off}");
@@ -46,7 +46,7 @@ fn a_ball_bounces_to_e_squared_of_its_height() {
 }
 
 #[test]
-fn a_ball_that_bounces_comes_to_rest() {
+fn bouncing_ball_comes_to_rest() {
     let shape = ball(0.02);
     let settings = Settings { restitution: 0.6, ..Settings::new(TOLERANCE) };
     let start = BodyState::at_rest(Pose::from_translation(0.1 * DVec3::Z));
@@ -62,7 +62,7 @@ fn a_ball_that_bounces_comes_to_rest() {
     assert!((ball.state().pose.translation.z - 0.02).abs() < TOLERANCE);
 }
 
-/// A flat block on a slope, flat on it.
+/// A block that lies on a slope.
 fn on_slope(angle: f64, speed: f64, friction: f64) -> Simulation {
     let half = DVec3::new(0.04, 0.03, 0.01);
     let turn = DQuat::from_rotation_y(angle);
@@ -72,7 +72,7 @@ fn on_slope(angle: f64, speed: f64, friction: f64) -> Simulation {
     simulation(&block(half), Pose::new(turn * GROUND.translation, turn), start, settings)
 }
 
-/// How far down the slope a block gets in a time.
+/// Returns the distance that a block slides down the slope in a time, m.
 fn slid(mut block: Simulation, time: f64) -> f64 {
     let start = block.state().pose;
     while block.time() < time {
@@ -85,7 +85,7 @@ fn slid(mut block: Simulation, time: f64) -> f64 {
 }
 
 #[test]
-fn a_block_slides_down_a_slope_as_friction_lets_it() {
+fn block_slides_down_a_slope_against_friction() {
     for (angle, friction) in [(0.5f64, 0.2), (0.5, 0.0), (0.3, 0.15)] {
         let acceleration = GRAVITY * (angle.sin() - friction * angle.cos());
         let expected = 0.5 * acceleration * 0.25;
@@ -95,18 +95,18 @@ fn a_block_slides_down_a_slope_as_friction_lets_it() {
 }
 
 #[test]
-fn a_block_stays_on_a_slope_that_friction_holds() {
+fn block_stays_on_a_slope_if_friction_holds_it() {
     for angle in [0.0f64, 0.2, 0.4] {
         let found = slid(on_slope(angle, 0.0, 1.2 * angle.tan() + 0.05), 2.0);
         assert!(found.abs() < TOLERANCE, "{angle} rad: crept {found} m");
     }
-    // And only on such a one.
+    // On a steeper one it does not.
     let slips = slid(on_slope(0.4, 0.0, 0.8 * 0.4f64.tan()), 2.0);
     assert!(slips > 0.1, "{slips}");
 }
 
 #[test]
-fn a_sliding_block_stops_where_it_should() {
+fn sliding_block_stops_at_the_known_distance() {
     let (speed, friction) = (0.8, 0.3);
     let expected = speed * speed / (2.0 * friction * GRAVITY);
     let found = slid(on_slope(0.0, speed, friction), 1.0);
@@ -114,7 +114,7 @@ fn a_sliding_block_stops_where_it_should() {
 }
 
 #[test]
-fn a_body_at_rest_stays_at_rest() {
+fn body_at_rest_stays_at_rest() {
     let mut block = on_slope(0.0, 0.0, 0.3);
     let start = *block.state();
     for _ in 0..5000 {
@@ -122,7 +122,7 @@ fn a_body_at_rest_stays_at_rest() {
     }
     assert!(block.still_for() > 4.9, "{}", block.still_for());
     assert!(block.state().pose.translation.distance(start.pose.translation) < TOLERANCE);
-    // Without a ground it does not.
+    // Without the ground it does not.
     let mut falling = on_slope(0.0, 0.0, 0.3);
     let away = Pose::from_translation(10.0 * DVec3::X);
     falling.set_state(BodyState::at_rest(away)).unwrap();
@@ -133,7 +133,7 @@ fn a_body_at_rest_stays_at_rest() {
 }
 
 #[test]
-fn a_body_at_rest_allocates_nothing() {
+fn body_at_rest_allocates_nothing() {
     let mut block = on_slope(0.2, 0.0, 0.5);
     let mut steps = || (0..200).for_each(|_| assert!(block.step(1e-3).is_ok()));
     steps();
@@ -141,7 +141,7 @@ fn a_body_at_rest_allocates_nothing() {
 }
 
 #[test]
-fn a_body_that_passes_far_away_is_not_queried_for_long() {
+fn distant_body_needs_few_queries() {
     let mut block = on_slope(0.0, 0.0, 0.3);
     let start = BodyState {
         pose: Pose::from_translation(1e4 * DVec3::Z),
@@ -156,7 +156,7 @@ fn a_body_that_passes_far_away_is_not_queried_for_long() {
 }
 
 #[test]
-fn settings_and_steps_that_make_no_sense_are_refused() {
+fn invalid_settings_and_steps_are_refused() {
     let shape = block(DVec3::splat(0.02));
     let good = Settings::new(TOLERANCE);
     let start = BodyState::at_rest(Pose::from_translation(0.1 * DVec3::Z));

@@ -1,9 +1,9 @@
-//! Spoons dropped into a cup, from anywhere above it.
+//! Spoons dropped into a cup from random states above it.
 //!
-//! Some drops each time; more than a thousand with
+//! A few drops by default; more than a thousand with
 //! `cargo test --release -p palpate-rigid-body --test it drops:: -- --ignored`.
 
-#![allow(clippy::print_stdout)] // The long test tells what it found.
+#![allow(clippy::print_stdout)] // The long test prints its counts.
 
 use std::f64::consts::TAU;
 
@@ -19,31 +19,32 @@ const SEED: u64 = 341;
 const SECONDS: f64 = 0.8;
 const STEP: f64 = 1e-3;
 
-/// The cup's wall as the model draws it: outer radius at the foot and at the rim, height, thickness, m.
+/// Dimensions of the cup's wall as in the model: outer radius at the foot and at the rim, height, thickness,
+/// m.
 const MILLIMETRE: f64 = 0.08 / 78.9;
 const FOOT: f64 = 36.0 * MILLIMETRE;
 const RIM: f64 = 43.0 * MILLIMETRE;
 const HEIGHT: f64 = 104.0 * MILLIMETRE;
 const WALL: f64 = 4.5 * MILLIMETRE;
 
-/// Whether a point is on the inner side of a surface in the cup's wall, by its depth below the outer one (m).
+/// Returns whether a point is inside of a surface in the cup's wall at the depth `below` the outer one (m).
 fn is_inside(point: DVec3, below: f64) -> bool {
     let outer = FOOT + (RIM - FOOT) * (point.z / HEIGHT).clamp(0.0, 1.0).powf(0.8);
     point.z > below && point.z < HEIGHT && point.truncate().length() < outer - below
 }
 
-/// Where a point is.
+/// Side of the wall on which a point is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Side {
-    /// At the rim or above.
+    /// At or above the rim.
     Over,
     Inside,
     Outside,
 }
 
 impl Side {
-    /// The side of a point that was on another before: in the wall, from one depth below its outer surface to another (m), it
-    /// is on the same.
+    /// Returns the side of a point that was on side `before`. Between two depths (m) below the wall's outer
+    /// surface it stays on that side.
     fn of(point: DVec3, [from, to]: [f64; 2], before: Self) -> Self {
         if point.z > HEIGHT - 1.5 * MILLIMETRE {
             Self::Over
@@ -56,19 +57,20 @@ impl Side {
         }
     }
 
-    /// Whether a point that was here is elsewhere without having come over the rim.
+    /// Returns whether a point has changed sides without passing over the rim.
     fn has_passed_the_wall(self, to: Self) -> bool {
         self != to && self != Self::Over && to != Self::Over
     }
 }
 
-/// At full resolution half of the wall is not passed. Coarse surfaces are some way off the fine ones; but nothing comes out of the
-/// other side.
+/// Depths in the wall between which sides are not determined. At full resolution spoons do not reach half of
+/// the wall. Coarse surfaces deviate from the fine ones, but nothing comes out of the other side.
 const HALF: [f64; 2] = [0.5 * WALL; 2];
 const WHOLE: [f64; 2] = [0.0, WALL];
 
-/// Triangles of spoon and cup. The first level of the coarse cup is up to 5.8 mm off its surface, more than the wall is thick: with
-/// the constant metric one of a few hundred spoons comes through. At full resolution none does.
+/// Numbers of triangles of spoon and cup. The first level of the coarse cup deviates from its surface by up
+/// to 5.8 mm, more than the thickness of the wall: with the constant metric one of a few hundred spoons
+/// passes through. At full resolution none does.
 const COARSE: [usize; 2] = [1_344, 4_000];
 const FINE: [usize; 2] = [20_000, 16_000];
 
@@ -76,12 +78,12 @@ struct World {
     spoon: Shape,
     cup: Shape,
     body: RigidBody,
-    /// Points of the spoon, and those that are watched, in its frame.
+    /// Vertices of the spoon, and the observed ones, in its frame.
     points: Vec<DVec3>,
     watched: Vec<DVec3>,
 }
 
-/// What is left out.
+/// Error metric of a world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Metric {
     Exact,
@@ -97,7 +99,7 @@ struct Found {
     exhausted: usize,
     resting: usize,
     gone: usize,
-    /// Depth as the simulation sees it, m.
+    /// Depth in the simulation, m.
     own_depth: f64,
     /// Depth at full resolution, m.
     depth: f64,
@@ -125,13 +127,13 @@ impl World {
         let error = match metric {
             Metric::Exact => ErrorMetrics::EXACT,
             Metric::Constant => part.into(),
-            // As much at 1 m/s.
+            // The same error at 1 m/s.
             Metric::Velocity => ErrorMetrics { velocity: Some(velocity), ..ErrorMetrics::EXACT },
         };
         Settings { error, ..Settings::new(1e-3 * radius) }
     }
 
-    /// Over the mouth, upright to lying, turning and falling.
+    /// Returns a random state over the mouth, upright to lying, rotating and falling.
     fn start(&self, rng: &mut StdRng) -> BodyState {
         let mut vector =
             |size: f64| DVec3::from_array(std::array::from_fn(|_| rng.random_range(-size..size)));
@@ -153,7 +155,7 @@ impl World {
         self.watched.iter().map(|point| frame.transform_point(*point)).collect()
     }
 
-    /// Drops a spoon.
+    /// Simulates the drop of a spoon.
     fn drop(&self, metric: Metric, start: BodyState) -> Found {
         let settings = self.settings(metric);
         let mut simulation =
@@ -194,14 +196,14 @@ impl World {
     }
 }
 
-/// Drops so many spoons and holds them to what must be so.
+/// Drops `count` spoons and checks each.
 fn drops(world: &World, metric: Metric, count: usize) {
     let mut rng = StdRng::seed_from_u64(SEED);
     let (mut all, mut missed) = (Found::default(), 0);
     for drop in 0..count {
         let found = world.drop(metric, world.start(&mut rng));
         assert_eq!(found.passed, 0, "{metric:?}, seed {SEED}, drop {drop}: through the wall, {found:?}");
-        // Coarse surfaces are as far off those of the meshes as they are.
+        // Coarse surfaces deviate from those of the meshes.
         let deep = metric == Metric::Exact && found.depth > world.settings(metric).tolerance;
         assert!(!deep, "{metric:?}, seed {SEED}, drop {drop}: {found:?}");
         missed += usize::from(found.impacts == 0);
@@ -218,7 +220,7 @@ fn drops(world: &World, metric: Metric, count: usize) {
     }
     println!("{metric:?}: {count} drops, {missed} of them past the cup, {all:?}");
     assert!(missed * 10 <= count && all.gone < count, "{missed} passed, {} fell out again", all.gone);
-    // Only where resolutions change is there no instant at which surfaces meet.
+    // Only with changes of resolution is there no time at which surfaces meet.
     let without_instant = all.switched + all.estimated > 0;
     assert_eq!(without_instant, metric != Metric::Exact, "{metric:?}: {all:?}");
 }
@@ -241,7 +243,7 @@ fn a_thousand_spoons_stay_out_of_the_wall() {
     drops(&world, Metric::Exact, 50);
 }
 
-/// A spoon that nothing stops goes through the bottom, and is seen to.
+/// A spoon without contacts falls through the bottom, and the check finds it.
 #[test]
 fn spoons_that_fall_freely_pass_the_wall() {
     let world = World::new(COARSE);

@@ -1,4 +1,4 @@
-//! The integration tests, linked once: a module a subject.
+//! Integration tests in one binary: one module per subject.
 
 mod analytic;
 mod drops;

@@ -123,6 +123,8 @@ impl Atlas {
     /// Creates an atlas with texels of the given size (m) on the coarse mesh, or the next larger size that
     /// fits into the largest image.
     pub fn new(sheets: &[Sheet], texel: f64) -> Result<Self, BakeError> {
+        // Lower bounds of the texel: the longest side has to fit into a row, and all triangles into the
+        // image's area.
         let room = f64::from(MAX_SIDE as i32 - 2 * BORDER - 2 * MARGIN - 2);
         let longest = sheets
             .iter()
@@ -223,6 +225,7 @@ fn shelved(charts: &[[Form; 2]], width: i32) -> (Vec<(usize, IVec2)>, IVec2) {
             let [upright, turned] = [0, 1].map(|form| (form, forms[form].pushed(free)));
             if turned.1.1 < upright.1.1 { turned } else { upright }
         };
+        // A chart that does not fit starts a new shelf, as high as its higher orientation.
         let mut chosen = best(&free);
         if free.is_empty() || chosen.1.1 > width - BORDER {
             top += free.len() as i32;

@@ -38,6 +38,8 @@ pub(super) fn fill(values: &mut [f64], width: usize, step: f64, matters: impl Fn
     let limits = [2.0 * low - high, 2.0 * high - low];
     let layers = values.iter().map(|value| if value.is_finite() { 0 } else { MISSING }).collect();
     let mut field = Field { values, layers, width, step };
+    // A front of missing texels next to known ones moves outwards, a layer at a time. Values of a layer are
+    // computed before any is stored, so they do not depend on the order.
     let mut front: Vec<usize> = (0..field.values.len())
         .filter(|at| field.layers[*at] == MISSING && field.around(*at, 1).any(|at| field.layers[at] == 0))
         .collect();
@@ -66,6 +68,7 @@ pub(super) fn fill(values: &mut [f64], width: usize, step: f64, matters: impl Fn
         front = next;
         layer = (layer + 1).min(MISSING - 1);
     }
+    // Gauss–Seidel iterations of Laplace's equation over the holes.
     holes.sort_unstable();
     for _ in 0..SMOOTHING_PASSES {
         for at in &holes {

@@ -163,6 +163,7 @@ pub fn bake(
         let wanted = "it has to be smaller than the coarse mesh's bounding radius";
         return Err(BakeError::BadOption { option: "a texel", value: options.texel, unit: "m", wanted });
     }
+    // A chart for each coarse triangle, and rays from its texels to the detailed mesh.
     let sheets = sheet::sheets(coarse, options.crease);
     if !sheets.iter().any(Sheet::has_area) {
         return Err(BakeError::NoSurface { which: "coarse" });
@@ -179,6 +180,7 @@ pub fn bake(
         return Err(BakeError::NothingWithinReach { reach });
     }
     let [width, height] = atlas.size.to_array().map(|side| side as u32);
+    // The image, and its quality as the run time would render it.
     let image = HeightImage::new(width, height, texels.displacements, [Wrap::Clamp; 2])?.into_atlas();
     let mesh = UvMesh::new(coarse.clone(), coordinates(&atlas, sheets.len()))?;
     let subject = report::Subject {
@@ -286,6 +288,7 @@ fn texels(
     for group in groups(&atlas.charts) {
         let work: Vec<(&Chart, i32)> =
             group.iter().flat_map(|chart| (0..chart.size.y).map(move |row| (chart, row))).collect();
+        // Rays are cast in parallel and collected in the order of charts and rows.
         let mut rows: Vec<Row> = Vec::with_capacity(work.len());
         for batch in work.chunks(ROWS_PER_PROGRESS) {
             progress(done as f64 / total as f64)?;
@@ -297,6 +300,7 @@ fn texels(
             texels.missed += row.missed;
             texels.folded += row.folded;
         }
+        // Each chart settles its own rows, and computes its coefficients independently of the others.
         let mut rest = rows.as_slice();
         let jobs: Vec<(&Chart, &[Row])> = group
             .iter()

@@ -87,11 +87,14 @@ impl Caster<'_> {
         for column in first..=last {
             let at = chart.weights(f64::from(column), f64::from(row));
             let inside = is_inside(at, 0.0);
+            // Outside of the triangle extrapolated directions may lean too far; the ray then starts at its
+            // border.
             let leans = !inside && sheet.direction(at).dot(sheet.normal) <= least;
             let from = if leans { sheet.confined(at) } else { at };
             self.cast(sheet, from, &mut hits);
             found.folded += usize::from(inside && self.several(sheet, at, &hits));
             let is_loose = self.is_loose(chart, [column, row], inside, &mut ends);
+            // Where the surface may belong to another triangle, hits have to face the ray more directly.
             let is_hole = hits.is_empty();
             if !inside || is_loose {
                 hits.retain(|hit| hit.facing >= MIN_FACING);
@@ -100,6 +103,7 @@ impl Caster<'_> {
             let hit = nearest(&hits).filter(|_| !is_loose);
             found.heights.push(hit.map_or(f64::NAN, |hit| hit.along));
             found.triangles.push(hit.map_or(0, |hit| hit.triangle));
+            // Loose hits are settled later, with the whole chart; holes fall back on the nearest point.
             let column = column as usize;
             if is_loose {
                 let loose = |hit: &Hit| Loose { column, height: hit.along, triangle: hit.triangle, inside };

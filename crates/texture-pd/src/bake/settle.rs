@@ -39,6 +39,7 @@ pub(super) struct Settled {
 
 /// Settles the hits of a chart's rays; `texel` is the size of a texel, m.
 pub(super) fn settle(chart: &Chart, sheet: &Sheet, rows: &[Row], detailed: &TriMesh, texel: f64) -> Settled {
+    // Texels with an unambiguous hit are settled from the start.
     let mut grid = Grid::new(chart, sheet, detailed, texel);
     for (y, row) in rows.iter().enumerate() {
         for (x, (height, triangle)) in row.heights.iter().zip(&row.triangles).enumerate() {
@@ -67,6 +68,7 @@ pub(super) fn settle(chart: &Chart, sheet: &Sheet, rows: &[Row], detailed: &TriM
             })
         })
         .collect();
+    // Loose hits are settled from neighbour to neighbour until no more can be reached.
     if grid.heights.iter().all(|height| height.is_nan()) {
         grid.seed(&loose);
     }
@@ -76,6 +78,7 @@ pub(super) fn settle(chart: &Chart, sheet: &Sheet, rows: &[Row], detailed: &TriM
             break;
         }
     }
+    // The rest belongs to other triangles. `loose` is in the order of texels, so duplicates are adjacent.
     let mut dropped: Vec<usize> = loose.iter().filter(|hit| hit.inside).map(|hit| hit.at).collect();
     dropped.dedup();
     let far: Vec<(usize, f64)> = holes.into_iter().filter(|(at, _)| grid.is_far(*at)).collect();

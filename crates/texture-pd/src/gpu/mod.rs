@@ -59,7 +59,7 @@ pub struct WgpuBackend {
     /// Time at which the job was last sent.
     sent: Instant,
     /// Number of late batches in a row.
-    late: u32,
+    late_batches: u32,
     deadline: Duration,
     /// Revision of the textures that the device has.
     uploaded: Option<u64>,
@@ -140,7 +140,7 @@ impl WgpuBackend {
             done,
             job: None,
             sent: Instant::now(),
-            late: 0,
+            late_batches: 0,
             deadline: DEFAULT_DEADLINE,
             uploaded: None,
         };
@@ -158,9 +158,7 @@ impl WgpuBackend {
             match self.done.try_recv() {
                 // Late answers, whose caller has gone on: they are discarded.
                 Ok(late) => self.take_back(late, &mut Vec::new())?,
-                Err(TryRecvError::Empty) if self.sent.elapsed() < HANG_TIMEOUT => {
-                    return Err(self.late_error());
-                }
+                Err(TryRecvError::Empty) if self.sent.elapsed() < HANG_TIMEOUT => return Err(self.late()),
                 Err(TryRecvError::Empty) => return Err(self.lost("it hangs")),
                 Err(TryRecvError::Disconnected) => return Err(self.lost(ENDED)),
             }
@@ -193,7 +191,7 @@ impl WgpuBackend {
         result
     }
 
-    fn late_error(&self) -> BackendError {
+    fn late(&self) -> BackendError {
         BackendError::Late { device: self.name.clone(), deadline: self.deadline }
     }
 
@@ -225,13 +223,13 @@ impl Backend for WgpuBackend {
         self.send(job, surfaces, batch)?;
         match self.done.recv_timeout(self.deadline) {
             Ok(job) => {
-                self.late = 0;
+                self.late_batches = 0;
                 self.take_back(job, answers)
             }
             Err(RecvTimeoutError::Timeout) => {
-                self.late += 1;
-                Err(if self.late < MAX_LATE_BATCHES {
-                    self.late_error()
+                self.late_batches += 1;
+                Err(if self.late_batches < MAX_LATE_BATCHES {
+                    self.late()
                 } else {
                     self.lost("its answers keep arriving late")
                 })

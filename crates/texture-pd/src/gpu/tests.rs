@@ -1,4 +1,4 @@
-//! Devices that are lost or hang, simulated by functions in place of wgpu's poll.
+//! Devices that are lost or hang, simulated by functions that replace wgpu's poll.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 

@@ -43,7 +43,7 @@ fn exr_file(width: usize, height: usize, channels: &[(&str, FlatSamples)]) -> Ve
     bytes.into_inner()
 }
 
-/// Grey values that 8 bits hold, and the displacements that they stand for.
+/// Grey values that fit into 8 bits, and their displacements.
 const GREY: [u8; 6] = [0, 255, 51, 102, 153, 204];
 const PARTS: [f64; 6] = [0.0, 1.0, 0.2, 0.4, 0.6, 0.8];
 
@@ -115,16 +115,20 @@ fn files_and_wraps() {
 }
 
 #[test]
-fn colour_and_alpha_are_told_of_where_they_matter() {
+fn colour_and_alpha_cause_warnings_if_they_matter() {
     let colour = RgbImage::from_raw(1, 1, vec![255, 0, 0]).unwrap();
     let (image, warnings) = decode(&png(colour)).unwrap();
     assert!((f64::from(image.displacements()[0]) - (0.2126 - 0.5) * AMPLITUDE).abs() < 1e-9);
     assert!(warnings.iter().any(|warning| warning.contains("luma")), "{warnings:?}");
-    for (alpha, told) in [(65535, 0), (65534, 1)] {
+    for (alpha, expected) in [(65535, 0), (65534, 1)] {
         let image = ImageBuffer::<LumaA<u16>, _>::from_raw(1, 1, vec![65535_u16, alpha]).unwrap();
         let (image, warnings) = decode(&png(image)).unwrap();
         assert_eq!(image.displacements(), [0.5 * AMPLITUDE as f32]);
-        assert_eq!(warnings.iter().filter(|warning| warning.contains("alpha")).count(), told, "{warnings:?}");
+        assert_eq!(
+            warnings.iter().filter(|warning| warning.contains("alpha")).count(),
+            expected,
+            "{warnings:?}"
+        );
     }
     let image = ImageBuffer::<Rgb<u16>, _>::from_raw(1, 1, vec![7_u16, 7, 7]).unwrap();
     assert!(decode(&png(image)).unwrap().1.is_empty());
@@ -152,7 +156,7 @@ fn large_images_are_averaged() {
 }
 
 #[test]
-fn texels_that_are_no_numbers_are_filled_in() {
+fn texels_that_are_not_finite_are_filled_in() {
     let nan = f32::NAN;
     let unit = HeightOptions { amplitude: 1.0, midlevel: 0.0, ..options() };
     let grey = |width, height, values: &[f32]| {
@@ -177,7 +181,7 @@ fn texels_that_are_no_numbers_are_filled_in() {
 }
 
 #[test]
-fn options_that_are_of_no_use_are_refused() {
+fn unusable_options_are_refused() {
     let integer = png(GrayImage::from_raw(1, 1, vec![3]).unwrap());
     let float = tiff::<colortype::Gray32Float>(1, 1, &[3.0]);
     for amplitude in [0.0, -1.0, f64::NAN, f64::INFINITY] {
@@ -198,7 +202,7 @@ fn options_that_are_of_no_use_are_refused() {
 }
 
 #[test]
-fn what_is_no_image_is_told() {
+fn files_without_an_image_are_refused() {
     for (bytes, part) in [
         (&b""[..], "is empty"),
         (b"height", "no image"),
@@ -230,7 +234,7 @@ fn png_of_size(width: u32, height: u32) -> Vec<u8> {
 }
 
 #[test]
-fn hostile_headers_are_refused_before_memory_is_taken() {
+fn hostile_headers_are_refused_before_memory_is_allocated() {
     assert!(decode(&png_of_size(3, 2)).is_ok(), "the checksum is right");
     for (width, height) in [(MAX_FILE_SIDE + 1, 1), (0x7fff_ffff, 0x7fff_ffff), (1, 1 << 20)] {
         let error = decode(&png_of_size(width, height)).unwrap_err();
@@ -255,7 +259,7 @@ fn small_files() -> Vec<(&'static str, Vec<u8>)> {
 }
 
 #[test]
-fn files_cut_off_anywhere_give_the_image_or_an_error() {
+fn truncated_files_give_the_image_or_an_error() {
     for (name, bytes) in small_files() {
         let whole = decode(&bytes).unwrap().0;
         let mut refused = 0;

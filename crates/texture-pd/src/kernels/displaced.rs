@@ -55,7 +55,7 @@ pub(crate) struct Textures<'a> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lift<'a> {
     /// Bound for the whole triangle, m.
-    most: f32,
+    bound: f32,
     /// Local bound of the displacement, and the height (m) that tilted directions add to it. `None` if the
     /// displaced point may be far from the flat one.
     local: Option<(Ceiling<'a>, f32)>,
@@ -137,9 +137,9 @@ impl Triangle {
         let [n0, m1, m2] = self.directions;
         let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
             .map(|[s, t]| [0, 1, 2].map(|axis| n0[axis] + s * m1[axis] + t * m2[axis]));
-        let most = |of: &dyn Fn(&[f32; 3]) -> f32| corners.iter().map(of).fold(0.0, f32::max);
-        let tilt = most(&|n| n[0].hypot(n[1]));
-        let upright = most(&|n| n[2].abs());
+        let largest = |of: &dyn Fn(&[f32; 3]) -> f32| corners.iter().map(of).fold(0.0, f32::max);
+        let tilt = largest(&|n| n[0].hypot(n[1]));
+        let upright = largest(&|n| n[2].abs());
         let [_, e1, e2] = self.plane;
         // Length of the gradient over the grid of a quantity that changes by these amounts along the edges.
         let slope = |[along_1, along_2]: [f32; 2]| {
@@ -151,24 +151,24 @@ impl Triangle {
         let [_, m1, m2] = self.directions;
         let [_, d1, d2] = self.texture;
         // Largest distance along the grid of the displaced point from the flat one.
-        let away = self.most * tilt;
+        let away = self.max_displacement * tilt;
         let risen = away * slope([r1, r2]);
         // If a direction points inwards, negative displacements raise the surface as well.
         let outwards = corners.iter().all(|n| n[2] * self.inverse_area >= 0.0);
-        let most = if outwards { self.outwards } else { self.most } * upright + risen;
+        let bound = if outwards { self.max_outwards } else { self.max_displacement } * upright + risen;
         let texels = [0, 1].map(|axis| away * slope([d1[axis], d2[axis]]));
         let near = texels.iter().all(|texels| *texels <= RADIUS as f32);
-        let sideways = risen + self.most * away * slope([m1[2], m2[2]]);
+        let sideways = risen + self.max_displacement * away * slope([m1[2], m2[2]]);
         let level = (outwards && near).then(|| (self.level as usize).checked_sub(1)).flatten();
-        Lift { most, local: level.map(|level| (ceilings.of(level, &textures.levels[level]), sideways)) }
+        Lift { bound, local: level.map(|level| (ceilings.of(level, &textures.levels[level]), sideways)) }
     }
 
     /// Returns the bound of the height above a point of the flat triangle, m.
     #[inline]
     pub(crate) fn lift_at(&self, lift: &Lift, s: f32, t: f32) -> f32 {
-        let Some((ceiling, sideways)) = lift.local else { return lift.most };
+        let Some((ceiling, sideways)) = lift.local else { return lift.bound };
         let (x, y) = self.texel(s, t);
-        (ceiling.around(x, y) * self.direction(s, t, 2).abs() + sideways).min(lift.most)
+        (ceiling.around(x, y) * self.direction(s, t, 2).abs() + sideways).min(lift.bound)
     }
 
     /// Finds the point of the displaced triangle above (u, v), m. `None` if the flat triangle is not there,
@@ -198,7 +198,10 @@ impl Triangle {
             let displacement = spline::value(level, textures.coefficients, x, y);
             self.base(s, t) + displacement * self.direction(s, t, 2)
         };
-        let (tilt_u, tilt_v) = (self.most * self.direction(s, t, 0), self.most * self.direction(s, t, 1));
+        let (tilt_u, tilt_v) = (
+            self.max_displacement * self.direction(s, t, 0),
+            self.max_displacement * self.direction(s, t, 1),
+        );
         let negligible = NEGLIGIBLE_SHIFT * step;
         if tilt_u * tilt_u + tilt_v * tilt_v <= negligible * negligible || refinements == 0 {
             return Some(Point { s, t, height: upright(s, t), folded: false });

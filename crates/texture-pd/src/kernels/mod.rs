@@ -50,13 +50,13 @@ pub(crate) struct Triangle {
     /// p₀, e₁ and e₂ along n.
     pub rise: [f32; 3],
     /// Largest magnitude of the displacement, m.
-    pub most: f32,
+    pub max_displacement: f32,
     /// n₀, m₁ and m₂.
     pub directions: [[f32; 3]; 3],
     /// uv₀, d₁ and d₂, texels.
     pub texture: [[f32; 2]; 3],
     /// Largest outward displacement, m.
-    pub outwards: f32,
+    pub max_outwards: f32,
 }
 
 /// A request for a height image.
@@ -204,8 +204,8 @@ mod tests {
             let [across, along] = [[-8.0, 0.0, 0.0], [0.0, -8.0, 0.0]];
             let collapsed = Triangle {
                 level: 1.0,
-                most: height,
-                outwards: height,
+                max_displacement: height,
+                max_outwards: height,
                 directions: if side > 0.0 {
                     [[2.0, 2.0, 1.0], across, along]
                 } else {

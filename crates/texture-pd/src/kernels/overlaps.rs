@@ -262,8 +262,8 @@ impl Sample {
     /// Returns the overlap's second derivatives for a point of A over B: upper triangle, row by row. For a
     /// point of B they are neglected.
     ///
-    /// With H = −∇²h_B they are Jᵀ H J + ∂g, where J = (1, −[r]×) moves r, and the turn's second-order
-    /// displacement ½ θ × (θ × r) of r adds ½ (r gᵀ + g rᵀ) − (g · r) 1 to the rotational block.
+    /// With H = −∇²h_B and J = (1, −[r]×), by which A's motion moves r, they are Jᵀ H J. The second-order
+    /// displacement ½ θ × (θ × r) of r by a turn θ adds ½ (r gᵀ + g rᵀ) − (g · r) 1 to the rotational block.
     fn curvature(&self) -> [f32; 21] {
         if self.on_b() {
             return [0.0; 21];

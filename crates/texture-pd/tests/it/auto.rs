@@ -1,4 +1,4 @@
-//! The choice between backends, and what becomes of it where one fails.
+//! The choice between backends, and the fallback where one fails.
 
 use std::time::Duration;
 
@@ -8,11 +8,11 @@ use palpate_texture_pd::{
     Answer, AutoBackend, Backend, BackendError, Batch, CpuBackend, DepthQuery, DepthSettings, SurfaceSet,
 };
 
-/// Waits before it answers as the processor does, and fails after some batches.
+/// A backend that waits before it answers like the CPU, and fails after some batches.
 struct Other {
     processor: CpuBackend,
     wait: Duration,
-    /// Batches that are answered yet.
+    /// Number of batches until it fails.
     left: usize,
 }
 
@@ -34,7 +34,7 @@ impl Backend for Other {
         }
         self.left -= 1;
         if self.wait.is_zero() {
-            // An answer for nothing is the fastest.
+            // Empty answers are the fastest.
             answers.resize(1, Answer::default());
             return Ok(());
         }
@@ -56,7 +56,7 @@ fn chosen(wait: Duration, left: usize) -> (AutoBackend, Option<f64>) {
 }
 
 #[test]
-fn slower_backend_is_left() {
+fn slower_backend_is_not_chosen() {
     let (backend, depth) = chosen(Duration::from_millis(300), usize::MAX);
     assert_eq!(backend.name(), "CPU");
     assert!(backend.failure().is_none() && (depth.unwrap() - 0.001).abs() < 1e-4, "{depth:?}");
@@ -64,8 +64,8 @@ fn slower_backend_is_left() {
 }
 
 #[test]
-fn backend_that_is_lost_is_replaced_by_the_processor() {
-    // One batch to warm up, nine that are measured, and the next fails.
+fn lost_backend_is_replaced_by_the_cpu() {
+    // One batch to warm up and nine timed ones; the next fails.
     let (backend, depth) = chosen(Duration::ZERO, 10);
     assert_eq!(backend.name(), "CPU");
     assert!(backend.failure().unwrap().to_string().contains("it is lost"));
@@ -74,7 +74,7 @@ fn backend_that_is_lost_is_replaced_by_the_processor() {
 }
 
 #[test]
-fn faster_backend_is_kept_and_one_that_fails_at_once_is_not() {
+fn faster_backend_is_chosen_unless_it_fails_at_once() {
     let (backend, depth) = chosen(Duration::ZERO, usize::MAX);
     assert_eq!((backend.name(), backend.failures(), depth), ("other", 0, None));
     let (backend, depth) = chosen(Duration::ZERO, 0);

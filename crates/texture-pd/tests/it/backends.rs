@@ -1,5 +1,5 @@
-//! One suite for every backend: known answers, and the backends against each other on random surfaces. The
-//! GPU's tests fail where there is no adapter: a software driver is enough (`cargo xtask test` installs one).
+//! Tests of every backend: known answers, and comparisons between backends on random surfaces. The GPU's
+//! tests fail without an adapter; a software driver is enough (`cargo xtask test` installs one).
 
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
@@ -14,7 +14,7 @@ use palpate_texture_pd::{
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
 
-/// All backends, one test at a time: making one compiles its kernels.
+/// All backends, for one test at a time, because creating one compiles its kernels.
 fn backends() -> MutexGuard<'static, Vec<Box<dyn Backend>>> {
     static BACKENDS: LazyLock<Mutex<Vec<Box<dyn Backend>>>> = LazyLock::new(|| {
         Mutex::new(vec![
@@ -73,7 +73,7 @@ fn random_surface(rng: &mut StdRng) -> Arc<TexturedSurface> {
 
 fn random_contact(rng: &mut StdRng, [a, b]: [SurfaceId; 2]) -> TextureContact {
     let mut vector = |most: f64| DVec3::from_array(std::array::from_fn(|_| rng.random_range(-most..most)));
-    // Far from the origin, as in a large scene.
+    // Poses are far from the origin, as in a large scene.
     let away = vector(1.0);
     let frame = DQuat::from_scaled_axis(vector(1.0));
     let turned = |pose: Pose| Pose::new(away + frame * pose.translation, (frame * pose.rotation).normalize());
@@ -110,7 +110,7 @@ fn random_domain(rng: &mut StdRng, contact: &TextureContact) -> Domain {
 fn backends_agree_on_random_surfaces() {
     let seed = 51;
     let mut rng = StdRng::seed_from_u64(seed);
-    // The same backends throughout: their buffers meet batches that grow and shrink.
+    // The same backends for all cases, so that their buffers see batches grow and shrink.
     let mut backends = backends();
     let names: Vec<_> = backends.iter().map(|backend| backend.name().to_owned()).collect();
     let (mut compared, mut folded) = (0, 0);
@@ -145,9 +145,9 @@ fn backends_agree_on_random_surfaces() {
                 assert!((one.depth - other.depth).abs() < 1e-5 * f64::from(AMPLITUDE), "{about}");
                 compared += 1;
                 folded += usize::from(one.folded > 0.0);
-                // The CPU's counts only what it displaced.
+                // The CPU backend counts only texels that it displaced.
                 assert!(*name == "CPU" || (one.folded - other.folded).abs() < 0.02, "{about}");
-                // Equal overlaps at several texels: another of them may be the largest.
+                // With equal overlaps at several texels, backends may choose different ones.
                 if one.point.distance(other.point) < 1e-9 {
                     assert!((one.linear - other.linear).length() < 1e-3 * one.linear.length(), "{about}");
                     let lever = 0.02 * one.linear.length();
@@ -165,7 +165,7 @@ fn flat(_: DVec2) -> f64 {
 
 /// A dome of radius 5 cm pressed 2 mm into a plane.
 #[test]
-fn dome_pressed_into_a_plane_is_as_deep_as_it_is_pressed() {
+fn dome_pressed_into_a_plane_has_that_depth() {
     let dome = |at: DVec2| (0.0025 - at.length_squared()).sqrt() - 0.05;
     let plates = Plates { half: 0.03, relief_a: &dome, relief_b: &flat };
     let (surfaces, ids) = plates.surfaces(256);
@@ -182,7 +182,7 @@ fn dome_pressed_into_a_plane_is_as_deep_as_it_is_pressed() {
     }
 }
 
-/// Two sine plates: δ_n = a_A + a_B where their crests meet, which a shift by half a wave moves.
+/// Two sine plates: δ_n = a_A + a_B where their crests meet. A shift by half a wave moves that place.
 #[test]
 fn crests_that_meet_add_up() {
     let wave = |amplitude: f64| move |at: DVec2| amplitude * (std::f64::consts::TAU * at.x / 0.01).cos();
@@ -200,9 +200,9 @@ fn crests_that_meet_add_up() {
     }
 }
 
-/// Two bumps on B under a flat A, each with a contact whose grid has both in view.
+/// Two bumps on B under a flat A, each with a contact whose grid contains both.
 #[test]
-fn domains_part_the_bumps_of_neighbouring_contacts() {
+fn domains_separate_the_bumps_of_neighbouring_contacts() {
     let (near, far) = (DVec2::new(-0.004, 0.001), DVec2::new(0.004, -0.002));
     let bump = |at: DVec2, height: f64| height * (-at.length_squared() / 2e-6).exp();
     let bumps = move |at: DVec2| bump(at - near, 0.0004) + bump(at - far, 0.0006);
@@ -244,7 +244,7 @@ fn gap_is_a_negative_depth() {
 }
 
 #[test]
-fn surfaces_that_are_not_seen_above_each_other_have_no_depth() {
+fn surfaces_that_are_not_above_each_other_have_no_depth() {
     let plates = Plates { half: 0.01, relief_a: &flat, relief_b: &flat };
     let (surfaces, ids) = plates.surfaces(4);
     let beside = plates.contact(ids, turned_over(DVec2::X * 0.03, 0.0, DVec3::ZERO), 0.01);
@@ -264,10 +264,10 @@ fn surfaces_that_are_not_seen_above_each_other_have_no_depth() {
     }
 }
 
-/// B is a small plate on which a large one lies askew: the largest overlap is at B's end, and A's slope tells
-/// its force.
+/// B is a small plate on which a large one lies obliquely: the largest overlap is at the end of B, and A's
+/// slope determines the force.
 #[test]
-fn where_a_surface_ends_the_other_ones_slope_counts() {
+fn slope_of_the_other_surface_counts_where_one_ends() {
     let small = Arc::new(TexturedSurface::plain(square(0.004).mesh()).unwrap());
     let large = Arc::new(TexturedSurface::plain(square(0.02).mesh()).unwrap());
     let mut surfaces = SurfaceSet::default();
@@ -296,7 +296,7 @@ fn where_a_surface_ends_the_other_ones_slope_counts() {
 }
 
 #[test]
-fn wrong_settings_are_refused_with_what_to_give() {
+fn wrong_settings_are_refused_with_the_accepted_values() {
     let surfaces = SurfaceSet::default();
     let plain = DepthSettings::default();
     for (settings, what) in [

@@ -1,5 +1,6 @@
-//! Depth, gradient and second derivatives of analytic surfaces, by every method, against differences of the exact depth.
-//! `cargo test --release -p palpate-texture-pd --test it derivatives:: -- --nocapture` prints the errors.
+//! Depth, gradient and second derivatives of analytic surfaces, by each method, compared with differences of
+//! the exact depth. `cargo test --release -p palpate-texture-pd --test it derivatives:: -- --nocapture`
+//! prints the errors.
 
 #![allow(clippy::print_stdout, clippy::needless_range_loop, reason = "it prints a table of matrices' errors")]
 
@@ -19,7 +20,8 @@ const TEXELS: u32 = 512;
 /// Half the grid's side, m.
 const WINDOW: f64 = 0.006;
 
-/// Largest errors of depth, gradient and second derivatives: m, and those by turns over a lever of [`LEVER`] (m).
+/// Largest errors of depth, gradient and second derivatives, m; derivatives by rotations are scaled by
+/// [`LEVER`] (m).
 #[derive(Clone, Copy, Debug, Default)]
 struct Errors {
     depth: f64,
@@ -191,7 +193,7 @@ fn cone_on_ridges() {
     assert!(smooth.gradient < 1e-2, "{smooth:?}");
 }
 
-/// A cylinder that lies along ridges overlaps most all along a line.
+/// A cylinder that lies along ridges has its largest overlap along a whole line.
 #[test]
 fn line_of_largest_overlaps_is_found_between_texels() {
     let a = |at: DVec2| -15.0 * at.x * at.x;
@@ -212,7 +214,8 @@ fn line_of_largest_overlaps_is_found_between_texels() {
     }
 }
 
-/// The largest overlap of the texels alone is off by the second order of their size, that between them by the fourth.
+/// The error of the largest overlap at texels is of second order in their size; between texels it is of
+/// fourth order.
 #[test]
 fn error_of_the_depth_falls_with_the_grid() {
     let (a, b) = (sphere(0.02), ridges(0.0002, 0.008, 0.3));

@@ -1,4 +1,4 @@
-//! Contacts that look at a part of their grid.
+//! Contacts whose domain is a part of their grid.
 
 use std::f64::consts::FRAC_PI_4;
 use std::sync::Arc;
@@ -25,11 +25,11 @@ fn inside(half_space: HalfSpace) -> Domain {
     domain
 }
 
-/// Cells of a surface along its side, and half of that, m.
+/// Number of cells along a surface's side, and half the side, m.
 const CELLS: u32 = 20;
 const HALF: f64 = 0.02;
 
-/// Where a corner is, seen from above.
+/// Position of a corner, seen from above.
 fn corner(i: u32) -> DVec2 {
     (DVec2::new((i % (CELLS + 1)).into(), (i / (CELLS + 1)).into()) / f64::from(CELLS) * 2.0 - 1.0) * HALF
 }
@@ -49,7 +49,7 @@ fn surface(heights: &[f64], image: &HeightImage) -> Arc<TexturedSurface> {
 }
 
 #[test]
-fn what_is_outside_of_the_domain_does_not_matter() {
+fn surfaces_outside_of_the_domain_have_no_influence() {
     let seed = 57;
     let mut rng = StdRng::seed_from_u64(seed);
     let mut differ = 0;
@@ -102,7 +102,7 @@ fn what_is_outside_of_the_domain_does_not_matter() {
     assert!(differ > 40, "without domains {differ} of 80 differ");
 }
 
-/// A border that sweeps over a dome's top, by 10 µm a time where texels are of 0.4 mm.
+/// A border sweeps over a dome's top in steps of 10 µm, with texels of 0.4 mm.
 #[test]
 fn smooth_maximum_is_continuous_as_its_domain_moves() {
     let dome = |at: DVec2| (0.0025 - at.length_squared()).sqrt() - 0.05;

@@ -1,4 +1,5 @@
-//! Force and torque are those of the energy: sign, frame and size, against differences of it, for every way to derive them.
+//! Force and torque are the negative gradient of the energy: sign, frame and size, compared with differences
+//! of the energy, for each method of differentiation.
 
 use crate::common::{Plates, moved, turned_over};
 use glam::{DQuat, DVec2, DVec3};
@@ -25,7 +26,7 @@ fn wrench_is_the_gradient_of_the_energy_in_any_frame() {
     for case in 0..20 {
         let mut vector =
             |most: f64| DVec3::from_array(std::array::from_fn(|_| rng.random_range(-most..most)));
-        // The whole scene turned and moved: force and torque are in world axes.
+        // The whole scene is rotated and moved: force and torque are in world axes.
         let frame = Pose::new(vector(0.5), DQuat::from_scaled_axis(vector(2.0)));
         let place = vector(0.003).truncate();
         let pose = turned_over(place, 0.0, vector(0.03));

@@ -1,4 +1,5 @@
-//! Derivatives where a displaced surface is folded as seen along the contact: they are finite, and no steeper than what is seen.
+//! Derivatives where a displaced surface is folded as seen along the contact: they are finite, and no steeper
+//! than the visible surface.
 
 use std::sync::Arc;
 
@@ -15,8 +16,8 @@ use palpate_texture_pd::{
 const RADIUS: f64 = 0.01;
 const HALF: f64 = 0.004;
 
-/// A part of a sphere around the origin, seen from inside: `cells`² squares that face upwards, displaced by `rise` (m) towards
-/// the middle of the sphere and by a ripple of an amplitude (m).
+/// A part of a sphere around the origin, seen from inside: `cells`² squares that face upwards, displaced by
+/// `rise` (m) towards the centre of the sphere, with a ripple of an amplitude (m).
 fn bowl(cells: u32, rise: f32, ripple: f32) -> Arc<TexturedSurface> {
     let place = |i: u32| {
         DVec2::new((i % (cells + 1)).into(), (i / (cells + 1)).into()) / f64::from(cells) * 2.0 - 1.0
@@ -37,7 +38,7 @@ fn bowl(cells: u32, rise: f32, ripple: f32) -> Arc<TexturedSurface> {
     Arc::new(TexturedSurface::textured(&mesh, &image, 1.0).unwrap())
 }
 
-/// The depth of a flat plate over the bowl, and of the bowl over the plate.
+/// Depths of a flat plate over the bowl, and of the bowl over the plate.
 fn depths(
     backend: &mut dyn Backend,
     bowl: &Arc<TexturedSurface>,
@@ -71,7 +72,8 @@ fn steepest(found: &TextureDepth) -> f64 {
     all.map(f64::abs).fold(0.0, |most, value| if value.is_nan() { f64::NAN } else { most.max(value) })
 }
 
-/// Displaced by its radius the whole bowl falls into one point, and by about as much it is folded here and there.
+/// A displacement by its radius moves the whole bowl to one point; with similar displacements it is folded in
+/// places.
 #[test]
 fn derivatives_are_finite_in_folds() {
     let mut backends: Vec<Box<dyn Backend>> = vec![

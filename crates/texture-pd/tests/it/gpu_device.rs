@@ -1,4 +1,4 @@
-//! What the GPU backend does about the device it runs on: none, a shared one, a small one, a lost one.
+//! The GPU backend with no device, a shared one, a small one and a lost one.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -30,7 +30,7 @@ impl Flat {
         Self { surfaces, ids, query: DepthQuery::new() }
     }
 
-    /// How deep A is in B, which it is by `depth` (m).
+    /// Computes the depth of A in B, which is `depth` (m).
     fn depth(&mut self, backend: &mut WgpuBackend, grid: u32, depth: f64) -> Result<f64, BackendError> {
         let contact = plates().contact(self.ids, turned_over(DVec2::ZERO, -depth, DVec3::ZERO), 0.01);
         let settings = DepthSettings { grid, ..DepthSettings::default() };
@@ -67,7 +67,7 @@ fn without_an_adapter_the_error_says_what_to_install() {
 }
 
 #[test]
-fn a_host_shares_its_device_between_backends() {
+fn host_shares_its_device_between_backends() {
     let (device, queue) = device(Limits::default());
     let mut first = WgpuBackend::with_device("host", device.clone(), queue.clone()).unwrap();
     let mut second = WgpuBackend::with_device("host", device, queue).unwrap();
@@ -81,9 +81,9 @@ fn a_host_shares_its_device_between_backends() {
     assert_eq!(palpate_texture_pd::Backend::name(&first), "host");
 }
 
-/// A host that polls and submits beside us may be handed what tells that our answers have come, and tell us after our own wait.
+/// A host that polls and submits at the same time may run our callback, after our own poll.
 #[test]
-fn a_host_that_polls_beside_a_backend_takes_nothing_from_it() {
+fn host_that_polls_at_the_same_time_loses_no_answers() {
     const BATCHES: usize = 3000;
     let (device, queue) = device(Limits::default());
     let mut backend = WgpuBackend::with_device("host", device.clone(), queue.clone()).unwrap();
@@ -109,7 +109,7 @@ fn a_host_that_polls_beside_a_backend_takes_nothing_from_it() {
 }
 
 #[test]
-fn a_backend_that_goes_over_to_other_surfaces_sees_their_textures() {
+fn backend_uploads_the_textures_of_another_set() {
     let (device, queue) = device(Limits::default());
     let mut backend = WgpuBackend::with_device("host", device, queue).unwrap();
     let mut flat = Flat::new(4);
@@ -123,7 +123,7 @@ fn a_backend_that_goes_over_to_other_surfaces_sees_their_textures() {
 }
 
 #[test]
-fn a_batch_beyond_the_devices_limits_is_refused_and_the_next_one_runs() {
+fn batch_beyond_the_devices_limits_is_refused_and_the_next_one_runs() {
     let small = Limits { max_storage_buffer_binding_size: 1 << 16, ..Limits::default() };
     let (device, queue) = device(small);
     let mut backend = WgpuBackend::with_device("small", device, queue).unwrap();
@@ -140,14 +140,14 @@ fn a_batch_beyond_the_devices_limits_is_refused_and_the_next_one_runs() {
 }
 
 #[test]
-fn a_device_with_too_few_buffers_is_refused() {
+fn device_with_too_few_buffers_is_refused() {
     let (device, queue) = device(Limits::downlevel_defaults());
     let error = WgpuBackend::with_device("old", device, queue).unwrap_err();
     assert!(matches!(error, BackendError::Device { .. }), "{error}");
 }
 
 #[test]
-fn a_lost_device_is_an_error_and_no_panic() {
+fn lost_device_is_an_error_without_a_panic() {
     let (device, queue) = device(Limits::default());
     let mut backend = WgpuBackend::with_device("lost", device.clone(), queue.clone()).unwrap();
     let mut flat = Flat::new(4);
@@ -157,7 +157,7 @@ fn a_lost_device_is_an_error_and_no_panic() {
         let error = flat.depth(&mut backend, 8, 1e-3).unwrap_err();
         assert!(matches!(error, BackendError::Device { .. }), "{error}");
     }
-    // A backend made on a device that is lost already is refused, as it runs at once.
+    // A backend on a lost device is refused, since it runs the kernels at once.
     let late = WgpuBackend::with_device("lost", device, queue);
     assert!(matches!(late, Err(BackendError::Device { .. })));
 }

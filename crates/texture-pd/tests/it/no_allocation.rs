@@ -1,4 +1,4 @@
-//! A query of a kind that was met before allocates nothing on the processor.
+//! On the CPU a query allocates nothing once its workspace has grown.
 
 use crate::common::{Plates, turned_over};
 use glam::{DVec2, DVec3};

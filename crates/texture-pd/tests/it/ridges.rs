@@ -1,7 +1,8 @@
-//! Two blocks with the same parallel ridges, as in §4.5.2: shifted along and across the ridges, and turned on each other.
+//! Two blocks with the same parallel ridges, as in §4.5.2: shifted along and across the ridges, and rotated
+//! on each other.
 //!
-//! Depths are smooth maxima with a temperature of some µm: interlocked ridges fit everywhere at once, so that the place of the
-//! largest overlap, and with it the largest overlap's gradient, is left to chance there, and jumps from flank to flank.
+//! Depths are smooth maxima with a temperature of some µm. Interlocked ridges fit everywhere at once, so the
+//! place of the largest overlap is arbitrary there, and its gradient jumps from flank to flank.
 
 #![allow(clippy::print_stdout, reason = "it prints what it finds")]
 
@@ -14,16 +15,16 @@ use palpate_texture_pd::{
     CpuBackend, DepthQuery, DepthSettings, SurfaceId, SurfaceSet, TextureContact, TextureDepth,
 };
 
-/// Distance and half the height of the ridges, m: they lie along y.
+/// Spacing and half the height of the ridges, m. They lie along y.
 const SPACING: f64 = 0.004;
 const AMPLITUDE: f64 = 0.0003;
 /// Half the side of the blocks' contact, m: four ridges.
 const WINDOW: f64 = 0.008;
-/// τ, m, and texels along a side of the grid: on top of a ridge overlaps stay within τ for more than a texel, so that the sum
-/// over the texels does not depend on where they lie.
+/// Temperature τ, m, and texels along a side of the grid. On top of a ridge overlaps stay within τ for more
+/// than a texel, so the sum over texels does not depend on their position.
 const TEMPERATURE: f64 = 15e-6;
 const GRID: u32 = 200;
-/// The depth of interlocked blocks but for what a smooth maximum adds, m.
+/// Depth of interlocked blocks, without the part that a smooth maximum adds, m.
 const PRESSED: f64 = 0.0001;
 
 fn relief(at: DVec2) -> f64 {
@@ -44,8 +45,8 @@ impl Blocks {
         Self { surfaces, ids, query: DepthQuery::new() }
     }
 
-    /// Block A shifted from where it stands ridge on ridge, and turned about n, at the height at which interlocked
-    /// blocks have the depth [`PRESSED`].
+    /// Depth of block A shifted from where it stands ridge on ridge, and rotated about n, at the height at
+    /// which interlocked blocks have the depth [`PRESSED`].
     fn depth(&mut self, shift: DVec2, turn: f64) -> TextureDepth {
         let pose: Pose = turned_over(shift, -PRESSED, DVec3::Z * turn);
         let contact = TextureContact { center: pose.translation, ..BLOCKS.contact(self.ids, pose, WINDOW) };
@@ -55,7 +56,7 @@ impl Blocks {
     }
 }
 
-/// Texture force of a stiffness of 1 N/m (Eq. 4.12).
+/// Texture force for a stiffness of 1 N/m (Eq. 4.12).
 fn force(found: &TextureDepth) -> DVec3 {
     -found.depth * found.linear
 }
@@ -77,19 +78,19 @@ fn no_force_along_the_ridges() {
 }
 
 #[test]
-fn pulled_across_the_ridges_a_block_moves_by_steps() {
+fn block_pulled_across_the_ridges_moves_in_steps() {
     let mut blocks = Blocks::new();
     // One period from ridge on ridge, at a fixed height.
     let count: usize = 80;
     let found: Vec<TextureDepth> = (0..count)
         .map(|index| blocks.depth(DVec2::X * (SPACING * index as f64 / count as f64), 0.0))
         .collect();
-    // The largest overlap is 2 a |cos|; a smooth one adds some temperatures.
+    // The largest overlap is 2 a |cos|; the smooth maximum adds a few temperatures.
     for (index, found) in found.iter().enumerate() {
         let phase = std::f64::consts::PI * index as f64 / count as f64;
         let overlap = PRESSED + 2.0 * AMPLITUDE * phase.cos().abs();
         assert!((found.depth - overlap).abs() < 10.0 * TEMPERATURE, "{index}: {} for {overlap}", found.depth);
-        // Off the ridges, down towards where they interlock.
+        // The force points away from the ridges, towards where they interlock.
         if ![0, count / 2].contains(&index) {
             assert!(
                 force(found).x * (0.5 - index as f64 / count as f64) > 0.0,
@@ -98,8 +99,8 @@ fn pulled_across_the_ridges_a_block_moves_by_steps() {
             );
         }
     }
-    // A constant force presses the blocks together, so that the depth is constant and the height that much more; a spring
-    // with a moving end pulls block A, slowly, against a damper.
+    // A constant force presses the blocks together, so the depth is constant and the height follows from it.
+    // A spring with a moving end pulls block A slowly, against a damper.
     let (pressing, stiffness, damping, step) = (1.0, 200.0, 20.0, 1e-3);
     let speed = 0.002;
     let value = |at: f64, of: &dyn Fn(&TextureDepth) -> f64| {
@@ -127,11 +128,11 @@ fn pulled_across_the_ridges_a_block_moves_by_steps() {
 }
 
 #[test]
-fn interlocked_block_rises_as_it_is_turned_and_is_turned_back() {
+fn interlocked_block_rises_as_it_is_rotated_and_is_turned_back() {
     let mut blocks = Blocks::new();
     let interlocked = DVec2::X * (0.5 * SPACING);
     let straight = blocks.depth(interlocked, 0.0);
-    // Up to where the ridges at the contact's ends stand ridge on ridge.
+    // Up to the angle at which the contact's ends stand ridge on ridge.
     let most = 0.5 * SPACING / WINDOW;
     for sign in [-1.0, 1.0] {
         let mut last = straight.depth;
@@ -147,7 +148,7 @@ fn interlocked_block_rises_as_it_is_turned_and_is_turned_back() {
         println!("turned by {:.3} rad it rises by {:.3} mm", sign * most * 0.8, 1e3 * rise);
         assert!(rise > AMPLITUDE, "{rise}");
     }
-    // Straight, it is turned neither way.
+    // Without rotation there is no torque.
     let turned = blocks.depth(interlocked, 0.1 * most);
     assert!(straight.angular.z.abs() < 0.01 * turned.angular.z.abs(), "{straight:?}");
 }

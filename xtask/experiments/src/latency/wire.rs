@@ -89,7 +89,7 @@ pub fn wired(device: Box<dyn HapticDevice>, normal_pump: bool) -> std::io::Resul
         codec: Numbers,
         motion: AsReported,
         specification: roomy,
-        patience: REPORT_TIMEOUT,
+        read_timeout: REPORT_TIMEOUT,
         silence: SILENCE,
     };
     let inner = link.spawn(move || wire.take().map(|wire| Box::new(wire) as Box<dyn Transport>))?;

@@ -6,7 +6,7 @@
 use hidparser::report_data_types::{PhysicalMaximum, PhysicalMinimum, Unit, UnitExponent, Usage};
 use hidparser::{Report, ReportCollection, ReportField, VariableField, parse_report_descriptor};
 
-use crate::hid::LONGEST;
+use crate::hid::LONGEST_HID_REPORT;
 
 /// Usage pages.
 const DESKTOP: u16 = 0x01;
@@ -16,7 +16,7 @@ const PID: u16 = 0x0f;
 /// Duration of an effect that is not started anew, s: the force of a host that was killed ends by then.
 pub const EFFECT_DURATION: f64 = 0.05;
 /// Shortest usable duration, s: a shorter effect would end between two starts.
-const SHORTEST_EFFECT: f64 = 0.03;
+const MIN_EFFECT_DURATION: f64 = 0.03;
 
 /// Largest number of axes that are sensed and driven.
 pub const AXES: usize = 2;
@@ -39,7 +39,7 @@ impl Slot {
     fn new(bits: &std::ops::Range<u32>, minimum: i32, maximum: i32) -> Option<Self> {
         // The first byte is the report's number.
         let (first, width) = (8 + bits.start as usize, bits.len());
-        let sound = (1..=32).contains(&width) && first + width <= 8 * LONGEST && minimum < maximum;
+        let sound = (1..=32).contains(&width) && first + width <= 8 * LONGEST_HID_REPORT && minimum < maximum;
         sound.then_some(Self { first, width, minimum, maximum })
     }
 
@@ -168,7 +168,7 @@ impl<'a> Fields<'a> {
             let number = report.report_id.and_then(|number| u8::try_from(u32::from(number)).ok());
             let Some(number) = number else { continue };
             let form = Form { number, length: 1 + report.size_in_bits.div_ceil(8) };
-            if form.length <= LONGEST {
+            if form.length <= LONGEST_HID_REPORT {
                 fields.extend(report.fields.iter().map(|field| (form, field)));
             }
         }
@@ -290,7 +290,8 @@ fn signed(value: &[u8]) -> i32 {
 /// Whether no item asks for more or larger fields than a report holds: parsing some would exhaust memory.
 fn is_bounded(descriptor: &[u8]) -> bool {
     items(descriptor).all(|(kind, value)| {
-        !matches!(kind, kind::REPORT_SIZE | kind::REPORT_COUNT) || unsigned(value) as usize <= 8 * LONGEST
+        !matches!(kind, kind::REPORT_SIZE | kind::REPORT_COUNT)
+            || unsigned(value) as usize <= 8 * LONGEST_HID_REPORT
     })
 }
 
@@ -338,7 +339,7 @@ impl Layout {
     /// feedback device with constant forces.
     pub fn parse(descriptor: &[u8]) -> Result<Self, String> {
         if !is_bounded(descriptor) {
-            return Err(format!("a report of more than {LONGEST} bytes"));
+            return Err(format!("a report of more than {LONGEST_HID_REPORT} bytes"));
         }
         let parsed = parse_report_descriptor(descriptor).map_err(|error| format!("{error:?}"))?;
         let input = Fields::of(&parsed.input_reports);
@@ -354,8 +355,9 @@ impl Layout {
             }
             _ => None,
         });
-        // Usages of the PID page, by their names in the standard: 0xab Create New Effect Report, 0x26 ET Constant
-        // Force, 0x89 PID Block Load Report with 0x22 Effect Block Index and 0x8c Block Load Success.
+        // Usages of the PID page, by their names in the standard: 0xab Create New Effect Report, 0x26 ET
+        // Constant Force, 0x89 PID Block Load Report with 0x22 Effect Block Index and 0x8c Block Load
+        // Success.
         let (create, create_constant) = choice_of(&feature.within(0xab), 0x26, "new constant forces")?;
         let loads = feature.within(0x89);
         let (load, load_index) = slot_of(&loads, 0x22, "the index of a new effect")?;
@@ -365,11 +367,11 @@ impl Layout {
         let (effect, effect_index) = slot_of(&effects, 0x22, "the index of an effect")?;
         let duration = effects.duration(0x50, descriptor).ok_or_else(lacks("the duration of an effect"))?;
         let (_, lasts) = duration.nearest(EFFECT_DURATION);
-        if lasts.is_nan() || lasts < SHORTEST_EFFECT {
+        if lasts.is_nan() || lasts < MIN_EFFECT_DURATION {
             return Err(format!(
                 "its effects last {:.1} ms at most, and {:.0} ms are needed",
                 1e3 * lasts,
-                1e3 * SHORTEST_EFFECT
+                1e3 * MIN_EFFECT_DURATION
             ));
         }
         let enabled = effects.within(0x55);

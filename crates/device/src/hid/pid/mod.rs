@@ -8,8 +8,6 @@
 //! the force of its largest magnitude: [`PEAK_FORCE`] is assumed. x is to the right, y away from the user
 //! (HID's points at the user). Read from the standard and from OpenFFBoard's sources; not tried with a unit
 //! here, the sign of the force included.
-//! (HID's points at the user). Read from the standard and from OpenFFBoard's sources; not tried with a unit here, the sign of the
-//! force included.
 
 mod layout;
 
@@ -19,7 +17,7 @@ use glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
 
 use self::layout::{AXES, EFFECT_DURATION, Form, Layout};
-use super::LONGEST;
+use super::LONGEST_HID_REPORT;
 use crate::link::{
     Codec, LONGEST_REPORT, Link, Malformed, Motion, REST_SILENCE, Report, Transport, TransportError,
 };
@@ -32,11 +30,11 @@ pub const PEAK_FORCE: f64 = 3.0;
 const TRAVEL: f64 = 0.05;
 /// Signs of the handle's x and y along HID's axes.
 const SIGNS: [f64; AXES] = [1.0, -1.0];
-/// Trigger button of an effect that no button triggers.
-const NEVER: i32 = 0xff;
-/// Time in which each effect's magnitude is repeated and the effect started anew, in turns, s. It makes up
-/// for a lost report, and a late round does not let a force end.
-const CYCLE: f64 = 0.02;
+/// Value of "Trigger Button" for an effect that no button triggers.
+const NO_TRIGGER: i32 = 0xff;
+/// Period in which each effect's magnitude is repeated and the effect started anew, in turns, s. It has to be
+/// well below [`EFFECT_DURATION`], so that neither a lost report nor a late round lets a force end.
+const RENEWAL_PERIOD: f64 = 0.02;
 
 /// The error for a device whose report descriptor is not that of a force feedback device with constant
 /// forces.
@@ -62,16 +60,17 @@ pub struct PidCodec {
     /// Pump's time, and the time at which the next turn is due, s.
     now: f64,
     due: f64,
-    /// Index of the next turn in [`TURNS`].
+    /// Index of the next turn in [`RENEWALS`].
     turn: usize,
 }
 
 /// Repeated reports, an axis' magnitude first: an effect must not start with a magnitude that was withdrawn.
-const TURNS: [(usize, Again); 2 * AXES] =
-    [(0, Again::Magnitude), (0, Again::Start), (1, Again::Magnitude), (1, Again::Start)];
+const RENEWALS: [(usize, Renewal); 2 * AXES] =
+    [(0, Renewal::Magnitude), (0, Renewal::Start), (1, Renewal::Magnitude), (1, Renewal::Start)];
 
+/// A repeated report.
 #[derive(Clone, Copy, Debug)]
-enum Again {
+enum Renewal {
     Magnitude,
     Start,
 }
@@ -91,6 +90,7 @@ impl PidCodec {
         [self.layout.axes.map(|axis| axis.is_some()), self.layout.enabled.map(|axis| axis.is_some())]
     }
 
+    /// Creates an axis' effect on the device and starts it with magnitude 0.
     fn load(&mut self, axis: usize, transport: &mut dyn Transport) -> Result<(), TransportError> {
         let layout = &self.layout;
         let mut create = blank(layout.create);
@@ -114,7 +114,7 @@ impl PidCodec {
             gain.put(&mut effect, gain.maximum);
         }
         if let Some(trigger) = &layout.trigger {
-            trigger.put(&mut effect, NEVER);
+            trigger.put(&mut effect, NO_TRIGGER);
         }
         if let Some(enabled) = &layout.enabled[axis] {
             enabled.put(&mut effect, 1);
@@ -140,28 +140,29 @@ impl PidCodec {
 
     /// Time from one turn to the next, s.
     fn turn_time(&self) -> f64 {
-        CYCLE / (2 * self.effects.iter().flatten().count()) as f64
+        RENEWAL_PERIOD / (2 * self.effects.iter().flatten().count()) as f64
     }
 
     /// The report that is due to be repeated, if any.
-    fn again(&mut self) -> Option<Report> {
+    fn renewal(&mut self) -> Option<Report> {
         if self.effects == [None; AXES] || self.now < self.due {
             return None;
         }
         // Missed turns are made up for, one a round.
-        self.due = (self.due + self.turn_time()).max(self.now - CYCLE);
+        self.due = (self.due + self.turn_time()).max(self.now - RENEWAL_PERIOD);
         loop {
-            let (axis, what) = TURNS[self.turn];
-            self.turn = (self.turn + 1) % TURNS.len();
+            let (axis, what) = RENEWALS[self.turn];
+            self.turn = (self.turn + 1) % RENEWALS.len();
             if let Some((index, magnitude)) = self.effects[axis] {
                 return Some(match what {
-                    Again::Magnitude => self.magnitude(index, magnitude),
-                    Again::Start => self.operation(index),
+                    Renewal::Magnitude => self.magnitude(index, magnitude),
+                    Renewal::Start => self.operation(index),
                 });
             }
         }
     }
 
+    /// The report that sets an effect's magnitude.
     fn magnitude(&self, index: i32, magnitude: i32) -> Report {
         let mut report = blank(self.layout.force);
         self.layout.force_index.put(&mut report, index);
@@ -171,8 +172,8 @@ impl PidCodec {
 }
 
 /// A report of zeros with its number.
-fn blank(form: Form) -> [u8; LONGEST] {
-    let mut report = [0; LONGEST];
+fn blank(form: Form) -> [u8; LONGEST_HID_REPORT] {
+    let mut report = [0; LONGEST_HID_REPORT];
     report[0] = form.number;
     report
 }
@@ -217,8 +218,8 @@ impl Codec for PidCodec {
                 say(self.magnitude(index, magnitude));
             }
         }
-        if let Some(again) = self.again() {
-            say(again);
+        if let Some(renewal) = self.renewal() {
+            say(renewal);
         }
     }
 
@@ -322,7 +323,7 @@ impl Link<PidCodec, StickMotion> {
             },
             codec,
             specification,
-            patience: Duration::from_millis(1),
+            read_timeout: Duration::from_millis(1),
             silence: f64::INFINITY,
         }
     }

@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_allocate_nothing_and_take_back_what_is_not_renewed() {
+    fn frames_do_not_allocate_and_withdraw_wrenches_that_are_not_renewed() {
         let (published, mut heard) = triple_buffer::triple_buffer(&Frame::default());
         let (mut asked, orders) = triple_buffer::triple_buffer(&Order::default());
         let shutdown = Arc::<Shutdown>::default();

@@ -1,4 +1,4 @@
-//! Solids to simulate.
+//! Solids for simulations.
 #![allow(dead_code)]
 
 use palpate_clod_build::{BuildOptions, build, unwatched};
@@ -7,7 +7,7 @@ use palpate_core::TriMesh;
 use palpate_core::glam::DVec3;
 use palpate_models::Model;
 
-/// The hierarchy of a mesh.
+/// Builds the hierarchy of a mesh.
 pub fn shape(mesh: &TriMesh) -> Shape {
     Shape::new(build(mesh, &BuildOptions::default(), &mut unwatched).expect("closed and oriented"))
 }

@@ -1,4 +1,4 @@
-//! Plates whose relief is a given function, and the depth of two of them spelled out.
+//! Plates whose relief is a given function, and the exact depth of two of them.
 #![allow(dead_code, reason = "each test uses a part of it")]
 
 use std::sync::Arc;
@@ -20,7 +20,7 @@ pub fn square(half: f64) -> UvMesh {
     UvMesh::new(TriMesh::new(vertices, triangles).unwrap(), uv).unwrap()
 }
 
-/// The relief sampled at the middles of `texels` × `texels` texels of a square plate.
+/// Samples the relief at the centres of `texels` × `texels` texels of a square plate.
 pub fn plate(half: f64, texels: u32, relief: &Relief) -> Arc<TexturedSurface> {
     let at = |index: u32| ((f64::from(index) + 0.5) / f64::from(texels) * 2.0 - 1.0) * half;
     let heights =
@@ -29,14 +29,14 @@ pub fn plate(half: f64, texels: u32, relief: &Relief) -> Arc<TexturedSurface> {
     Arc::new(TexturedSurface::textured(&square(half), &image, 0.5).unwrap())
 }
 
-/// Two plates face to face: B lies in z = 0, and A, turned over, at a height with its own z downwards.
+/// Two plates face to face: B lies in z = 0, and A, turned over, at some height with its own z downwards.
 pub struct Plates<'a> {
     pub half: f64,
     pub relief_a: &'a Relief,
     pub relief_b: &'a Relief,
 }
 
-/// How A stands with its plane z = 0 at `height`, turned over.
+/// Returns the pose of A with its plane z = 0 at `height`, turned over.
 pub fn turned_over(place: DVec2, height: f64, turn: DVec3) -> Pose {
     let over = DQuat::from_rotation_x(std::f64::consts::PI);
     Pose::new(place.extend(height), DQuat::from_scaled_axis(turn) * over)
@@ -70,13 +70,13 @@ impl Plates<'_> {
         }
     }
 
-    /// How deep the point of A at (x, y) on its plate is below B's surface.
+    /// Returns the depth below B's surface of the point of A at (x, y) on its plate, m.
     fn overlap(&self, pose: &Pose, at: DVec2) -> f64 {
         let point = pose.transform_point(at.extend((self.relief_a)(at)));
         (self.relief_b)(point.truncate()) - point.z
     }
 
-    /// The largest overlap around a point of A's plate, to rounding: by ever finer grids.
+    /// Returns the largest overlap around a point of A's plate, to rounding, by successively finer grids.
     pub fn depth(&self, pose: &Pose, around: DVec2, half_size: f64) -> f64 {
         let (mut best, mut around, mut half) = (f64::NEG_INFINITY, around, half_size);
         let mut cells = 100;
@@ -99,7 +99,7 @@ impl Plates<'_> {
     }
 }
 
-/// A pose shifted and turned about a point, world axes.
+/// Returns a pose shifted and rotated about a point, world axes.
 pub fn moved(pose: &Pose, center: DVec3, shift: DVec3, turn: DVec3) -> Pose {
     let rotation = DQuat::from_scaled_axis(turn);
     Pose::new(center + rotation * (pose.translation - center) + shift, (rotation * pose.rotation).normalize())
