@@ -132,7 +132,7 @@ fn stacks_come_to_rest(cases: &[(f64, u32)]) {
 
 /// A plate lies on the handle of a spoon that a still hand holds: it sinks in, deeper than the handle is thick, and stays there.
 #[test]
-fn what_lies_on_a_thin_tool_stays_there() {
+fn an_object_on_a_thin_tool_stays_there() {
     let (probe, thickness) = (model("spoon@2000"), 0.01);
     let plate = cuboid(DVec3::new(0.06, 0.06, thickness));
     let near = |v: &&DVec3| v.x.abs() < 0.03;
