@@ -22,9 +22,9 @@ use parry3d_f64::math::Vector;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
 
 const INSTANCES: [usize; 5] = [1, 10, 100, 1000, 10_000];
-/// Of instances, in radii.
+/// Distance of the instances, in radii.
 const SPACING: f64 = 4.0;
-/// Of the probe and of the instances that move, m.
+/// Displacements per run of the probe and of the moving instances, m.
 const STEP: f64 = 1e-4;
 const SHIFT: f64 = 1e-3;
 
@@ -42,7 +42,7 @@ impl Setting {
         Self { probe, ball, settings }
     }
 
-    /// Where the instances are; the first is at the origin, and has others all around.
+    /// Returns the places of the instances; the first is at the origin, with others all around.
     fn places(&self, count: usize) -> Vec<DVec3> {
         let side = 1 + 2 * (1..).find(|half: &i32| (2 * half + 1).pow(3) as usize >= count).unwrap_or(1);
         let lattice = (0..side.pow(3))
@@ -54,7 +54,7 @@ impl Setting {
         places
     }
 
-    /// Along the first instance, touching it.
+    /// Returns a pose of the probe along the first instance, in contact.
     fn probe_pose(&self, run: usize) -> Pose {
         let height = self.touching_height();
         let there_and_back = (run % 200).min(200 - run % 200) as f64 - 50.0;

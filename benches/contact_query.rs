@@ -17,16 +17,16 @@ use palpate::collide::{Clustering, ContactQuery, QuerySettings};
 use palpate::device::{Interpolation, MotionPath};
 use palpate::{Object, OpenOptions, Pose};
 
-/// Poses of the trajectory that are used: every tenth.
+/// Step between the poses of the trajectory that are used.
 const STRIDE: usize = 10;
-/// Tolerance as a fraction of the probe's radius.
+/// Tolerance relative to the probe's radius.
 const TOLERANCE: f64 = 0.01;
-/// Error that is left out, likewise (§3.5.2).
+/// Error threshold relative to the probe's radius (§3.5.2).
 const ERROR: f64 = 0.025;
 /// Number of contact clusters (§5.5.1).
 const CLUSTERS: usize = 5;
 
-/// The names of measurements, and the probe, the scene object and the trajectory that they are of.
+/// Returns the name of the measurements, and the probe, the scene object and the trajectory.
 fn subject() -> (&'static str, [String; 3]) {
     let given = ["PALPATE_PROBE", "PALPATE_SCENE", "PALPATE_TRAJECTORY"].map(|name| std::env::var(name).ok());
     if let [Some(probe), Some(scene), Some(trajectory)] = given {

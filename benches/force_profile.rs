@@ -34,24 +34,24 @@ struct Arguments {
     /// Folder for a picture of each scenario's profiles
     #[arg(long)]
     svg: Option<PathBuf>,
-    /// What cargo passes to every benchmark
+    /// Argument that cargo passes to every benchmark
     #[arg(long, hide = true)]
     bench: bool,
 }
 
-/// Errors s₀, as parts of the probe's radius.
+/// Error thresholds s₀, relative to the probe's radius.
 const ERRORS: [f64; 4] = [0.004, 0.01, 0.025, 0.05];
 
 /// Magnitudes along the path, for stiffness 1.
 struct Profile {
-    /// m.
+    /// Forces, m.
     force: Vec<f64>,
-    /// m².
+    /// Torques, m².
     torque: Vec<f64>,
 }
 
 impl Profile {
-    /// At an error (a part of the probe's radius).
+    /// Computes the profile at an error threshold relative to the probe's radius.
     fn new(scenario: &Scenario, error: f64, interpolate: bool) -> Self {
         let Scenario { probe, scene, poses, tolerance, .. } = scenario;
         let mut query = EngineQuery::new(&probe.object, &scene.object, *tolerance);
@@ -69,7 +69,7 @@ impl Profile {
     }
 }
 
-/// Smoothed by a Gaussian of a standard deviation in samples, which is cut off at three of them and at the ends.
+/// Smooths by a Gaussian with a standard deviation in samples, cut off at three of them and at the ends.
 fn smoothed(values: &[f64], deviation: f64) -> Vec<f64> {
     let reach = (3.0 * deviation).ceil() as usize;
     let weight =
@@ -82,7 +82,7 @@ fn smoothed(values: &[f64], deviation: f64) -> Vec<f64> {
     (0..values.len()).map(at).collect()
 }
 
-/// Second differences.
+/// Returns second differences.
 fn curvature(values: &[f64]) -> Vec<f64> {
     values.windows(3).map(|three| three[0] - 2.0 * three[1] + three[2]).collect()
 }
@@ -91,7 +91,7 @@ fn average(values: &[f64]) -> f64 {
     mean(values.iter().copied())
 }
 
-/// Largest deviation about the means, relative to the mean of the exact profile.
+/// Returns the largest deviation about the means, relative to the mean of the exact profile.
 fn deviation(values: &[f64], exact: &[f64]) -> f64 {
     let (center, exact_center) = (average(values), average(exact));
     let off = values.iter().zip(exact).map(|(x, y)| ((x - center) - (y - exact_center)).abs());
