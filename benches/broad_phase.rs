@@ -1,13 +1,13 @@
 //! Time of a scene query with 1 to 10,000 instances, one of them in contact.
 //!
-//! `cargo bench -p palpate-benches --bench broad_phase`. The probe, an ellipsoid, slides over one of the golf balls that
-//! stand in a cubic lattice, 0.1 mm a run.
+//! `cargo bench -p palpate-benches --bench broad_phase`. The probe, an ellipsoid, slides over one of the golf
+//! balls that stand in a cubic lattice, 0.1 mm a run.
 //!
 //! - `still`: nothing else moves. `contact_query` is the query with the touched object alone.
 //! - `tenth moves`: so does every tenth instance, to and fro by 1 mm.
 //! - `jump`: the probe leaps to and fro across the lattice, so that every object has to be looked at.
-//! - `tree/…`: the broad phase alone by parry's tree of boxes: the boxes of the objects that move are changed and the tree
-//!   is refitted, then it is asked which reach into the probe's box.
+//! - `tree/…`: the broad phase alone by parry's tree of boxes: the boxes of the objects that move are changed
+//!   and the tree is refitted, then it is asked which reach into the probe's box.
 
 #![allow(missing_docs, reason = "a benchmark")]
 

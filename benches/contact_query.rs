@@ -1,10 +1,12 @@
-//! Time of a contact query and of clustering its contacts: the upper jaw on the lower one, along a recorded trajectory.
+//! Time of a contact query and of clustering its contacts: the upper jaw on the lower one, along a recorded
+//! trajectory.
 //!
-//! `cargo bench -p palpate-benches --bench contact_query`. An iteration of `contact_query/jaws` runs through all poses;
-//! the throughput is in poses. `contact_query/jaws_closed` is the pose with the most contacts alone, from the roots.
-//! `…/2.5%` leaves out detail below that error, as a part of the probe's radius. With the environment variables
-//! `PALPATE_PROBE`, `PALPATE_SCENE` and `PALPATE_TRAJECTORY` (mesh or `.clod` files by their whole paths, or built-in models, and
-//! poses as of `palpate query`) it measures these, as `own` in place of `jaws`.
+//! `cargo bench -p palpate-benches --bench contact_query`. An iteration of `contact_query/jaws` runs through
+//! all poses; the throughput is in poses. `contact_query/jaws_closed` is the pose with the most contacts
+//! alone, from the roots. `…/2.5%` leaves out detail below that error, as a part of the probe's radius. With
+//! the environment variables `PALPATE_PROBE`, `PALPATE_SCENE` and `PALPATE_TRAJECTORY` (mesh or `.clod` files
+//! by their whole paths, or built-in models, and poses as of `palpate query`) it measures these, as `own` in
+//! place of `jaws`.
 
 #![allow(missing_docs, reason = "a benchmark")]
 

@@ -1,13 +1,15 @@
-//! Profiles of contact force and torque along a path, at several errors s₀ against full resolution, as in Figs. 3.15 and
-//! 3.16 (§3.5.3): same path, same stiffness, penalties at five clusters of the query's contacts.
+//! Profiles of contact force and torque along a path, at several errors s₀ against full resolution, as in
+//! Figs. 3.15 and 3.16 (§3.5.3): same path, same stiffness, penalties at five clusters of the query's
+//! contacts.
 //!
-//! `cargo bench -p palpate-benches --bench force_profile -- --scenario jaws golf --svg FOLDER`, where the pictures are
-//! written. Profiles are magnitudes, a value a millisecond; torques are about the probe's centre of mass. `in contact`
-//! leaves out the parts of the path without force at full resolution, on which all agree easily. §3.5.3 calls profiles
-//! alike whose second derivatives are almost identical, and does not say how these were taken: here they are central
-//! differences, of the profiles as they are and smoothed by a Gaussian (`--smoothing`, its standard deviation in ms). The
-//! deviation is that of the profiles about their means, |(F − F̄) − (F₀ − F̄₀)|, in percent of the mean at full resolution:
-//! a coarser surface lies elsewhere, which shifts the mean.
+//! `cargo bench -p palpate-benches --bench force_profile -- --scenario jaws golf --svg FOLDER`, where the
+//! pictures are written. Profiles are magnitudes, a value a millisecond; torques are about the probe's centre
+//! of mass. `in contact` leaves out the parts of the path without force at full resolution, on which all
+//! agree easily. §3.5.3 calls profiles alike whose second derivatives are almost identical, and does not say
+//! how these were taken: here they are central differences, of the profiles as they are and smoothed by a
+//! Gaussian (`--smoothing`, its standard deviation in ms). The deviation is that of the profiles about their
+//! means, |(F − F̄) − (F₀ − F̄₀)|, in percent of the mean at full resolution: a coarser surface lies
+//! elsewhere, which shifts the mean.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "it prints tables")]
 

@@ -1,23 +1,23 @@
 //! Contact queries compared with other methods: parry's contact manifolds and pairs of triangles, and shells of
 //! points and edges in signed distance grids.
 //!
-//! `cargo bench -p palpate-benches --bench peers`, or `-- --scenario jaws golf --poses 1000`; with `--anywhere` at
-//! unrelated poses anywhere on the scene object. On other files:
-//! `-- --probe A.obj --scene B.obj --trajectory T.csv --tolerance 1% --json OUT.json`. With `--continuity` it
-//! prints the change of the wrench in small [steps](continuity) instead.
+//! `cargo bench -p palpate-benches --bench peers`, or `-- --scenario jaws golf --poses 1000`; with
+//! `--anywhere` at unrelated poses anywhere on the scene object. On other files: `-- --probe A.obj --scene
+//! B.obj --trajectory T.csv --tolerance 1% --json OUT.json`. With `--continuity` it prints the change of the
+//! wrench in small [steps](continuity) instead.
 //!
-//! Every scenario's path is cut into blocks of consecutive poses, at which the methods take turns, so that all
-//! of them see the same machine load. Times are of the query alone. At some of the poses each method is compared
-//! with a [reference] that is computed without the engine:
+//! Every scenario's path is cut into blocks of consecutive poses, at which the methods take turns, so that
+//! all of them see the same machine load. Times are of the query alone. At some of the poses each method is
+//! compared with a [reference] that is computed without the engine:
 //!
 //! - force: by the same law from the method's contacts and from the reference's. The error is their distance,
-//!   relative to the larger of the reference's force and its mean: its mean and 95th percentile. The error of the
-//!   direction is counted where the reference's force is at least a tenth of its mean. The correlation is that of
-//!   the magnitudes.
-//! - depth off: the largest difference of the deepest contact's depth, counted where bodies penetrate by either,
-//!   in percent of the probe's radius.
-//! - missed: regions of intersection deeper than 2 EPS ([`MIN_REGION_DEPTH`]) without a penetrating contact, and
-//!   their total number.
+//!   relative to the larger of the reference's force and its mean: its mean and 95th percentile. The error of
+//!   the direction is counted where the reference's force is at least a tenth of its mean. The correlation is
+//!   that of the magnitudes.
+//! - depth off: the largest difference of the deepest contact's depth, counted where bodies penetrate by
+//!   either, in percent of the probe's radius.
+//! - missed: regions of intersection deeper than 2 EPS ([`MIN_REGION_DEPTH`]) without a penetrating contact,
+//!   and their total number.
 //!
 //! The first run builds hierarchies (kept in the user's cache) and distance grids (kept in the target folder).
 

@@ -25,7 +25,7 @@ use crate::method::Method;
 const BLOCK: usize = 4;
 
 /// Largest number of points in a leaf of the sphere tree.
-const LEAF: usize = 8;
+const MAX_LEAF_POINTS: usize = 8;
 
 /// Signed distances (negative inside) from a surface at the points of a grid.
 #[derive(Clone, Debug, PartialEq)]
@@ -480,7 +480,7 @@ fn split(points: &[DVec3], halves: &[DVec3], own: &mut [u32], first: usize, node
     let index = nodes.len();
     let (center, radius) = (center.as_vec3(), (radius * (1.0 + 1e-6)) as f32);
     nodes.push(Sphere { center, radius, skip: 0, first: first as u32, end: first as u32 });
-    if own.len() <= LEAF {
+    if own.len() <= MAX_LEAF_POINTS {
         nodes[index].end += own.len() as u32;
     } else {
         let axis = (high - low).max_position();

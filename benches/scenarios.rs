@@ -2,9 +2,9 @@
 //! compared.
 //!
 //! A path is recorded, or generated: the probe moves along a direction until it touches, slides along a small
-//! closed loop in light penetration (`PATH_DEPTH` of its radius), and leaves in the reverse direction. At each of
-//! `STATIONS` on the loop the depth is adjusted by moving along the direction until the contact query at full
-//! resolution reports it; a smooth curve runs through the resulting poses.
+//! closed loop in light penetration (`PATH_DEPTH` of its radius), and leaves in the reverse direction. At
+//! each of `STATIONS` on the loop the depth is adjusted by moving along the direction until the contact query
+//! at full resolution reports it; a smooth curve runs through the resulting poses.
 
 use std::error::Error;
 use std::f64::consts::TAU;

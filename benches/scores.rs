@@ -1,25 +1,26 @@
-//! Accuracy of contacts: those of palpate, of parry, and of a shell of points in a signed distance grid, compared
-//! with all pairs of triangles within d and the signed distances of vertices.
+//! Accuracy of contacts: those of palpate, of parry, and of a shell of points in a signed distance grid,
+//! compared with all pairs of triangles within d and the signed distances of vertices.
 //!
-//! `cargo bench -p palpate-benches --bench scores -- --scenario jaws --poses 60`; `--build` also times building,
-//! with hierarchies and grids built anew, which takes minutes. Poses are evenly spaced on the path. The methods of
-//! palpate are the contact sets, with one contact for each region of intersection and with further ones at the
-//! noticeable spacing, and the query's contacts that they are made from. The scores:
+//! `cargo bench -p palpate-benches --bench scores -- --scenario jaws --poses 60`; `--build` also times
+//! building, with hierarchies and grids built anew, which takes minutes. Poses are evenly spaced on the path.
+//! The methods of palpate are the contact sets, with one contact for each region of intersection and with
+//! further ones at the noticeable spacing, and the query's contacts that they are made from. The scores:
 //!
-//! - smallest distance: its largest error, in percent of the probe's radius. For a false contact at 0 the error is
-//!   the separation of the surfaces; without a contact within d it is d minus the true distance.
-//! - recall: the share found of the local minima of the distance (no pair of triangles at their nearest points is
-//!   closer, and both are seen from outside) and of the connected regions of intersection. The closest minimum
-//!   represents those within [`MERGE_DISTANCE`] of it on both surfaces. A minimum is found if a contact is that
-//!   near it on both surfaces, and a region if a contact penetrates in its box, grown by as much.
-//! - validity: the share of contacts whose points are on both surfaces, and whose distance is that of one of its
-//!   points from the other surface, negative inside, each to within [`MAX_ERROR`]; of at most [`MAX_CHECKED`]
-//!   contacts per pose.
-//! - coverage: the share of all pairs of triangles within d that have a contact within [`COVER_DISTANCE`] on the
-//!   probe.
-//! - depth: the error of the deepest contact in a region's box against the largest signed distance of the vertices
-//!   in the region, of either object from the other, in percent of the radius: mean and largest. Regions without
-//!   a vertex inside have no such depth.
+//! - smallest distance: its largest error, in percent of the probe's radius. For a false contact at 0 the
+//!   error is the separation of the surfaces; without a contact within d it is d minus the true distance.
+//! - recall: the share found of the local minima of the distance (no pair of triangles at their nearest
+//!   points is closer, and both are seen from outside) and of the connected regions of intersection. The
+//!   closest minimum represents those within [`MERGE_DISTANCE`] of it on both surfaces. A minimum is found if
+//!   a contact is that near it on both surfaces, and a region if a contact penetrates in its box, grown by as
+//!   much.
+//! - validity: the share of contacts whose points are on both surfaces, and whose distance is that of one of
+//!   its points from the other surface, negative inside, each to within [`MAX_ERROR`]; of at most
+//!   [`MAX_CHECKED`] contacts per pose.
+//! - coverage: the share of all pairs of triangles within d that have a contact within [`COVER_DISTANCE`] on
+//!   the probe.
+//! - depth: the error of the deepest contact in a region's box against the largest signed distance of the
+//!   vertices in the region, of either object from the other, in percent of the radius: mean and largest.
+//!   Regions without a vertex inside have no such depth.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "it prints tables")]
 
@@ -60,7 +61,7 @@ struct Arguments {
 }
 
 /// Threshold s₀ of the coarser queries, relative to the probe's radius.
-const COARSE: f64 = 0.025;
+const COARSE_ERROR: f64 = 0.025;
 /// Numbers of samples of distance grids along each axis.
 const GRIDS: [usize; 2] = [128, 256];
 /// Distance up to which contacts count as one, in units of d.
@@ -239,7 +240,7 @@ fn rows<'a>(
         None
     };
     let mut rows = Vec::new();
-    let modes = [("exact", 0.0), ("s₀ = 2.5 %", COARSE)].map(|(mode, error)| {
+    let modes = [("exact", 0.0), ("s₀ = 2.5 %", COARSE_ERROR)].map(|(mode, error)| {
         let mut query = EngineQuery::new(&probe.object, &scene.object, *tolerance);
         query.settings.error = (error * radius).into();
         (mode, query)

@@ -85,13 +85,13 @@ struct Counts {
 
 /// Largest relative difference between counts of the same work: copies of the contact model take a few
 /// instructions more or less by their alignment on the stack.
-const ALIGNMENT: f64 = 0.0025;
+const MAX_RELATIVE_DIFFERENCE: f64 = 0.0025;
 
 impl Counts {
     /// Returns whether both steps take as many instructions, up to the alignment of copies; `None` if they
     /// were not counted.
     fn equal(&self, other: &Self) -> Option<bool> {
-        let close = |a: f64, b: f64| (a - b).abs() <= ALIGNMENT * a.max(b);
+        let close = |a: f64, b: f64| (a - b).abs() <= MAX_RELATIVE_DIFFERENCE * a.max(b);
         Some(close(self.contact?, other.contact?) && close(self.haptic?, other.haptic?))
     }
 }

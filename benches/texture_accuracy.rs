@@ -45,7 +45,7 @@ struct Arguments {
 const SEED: u64 = 0x7E47;
 const GRIDS: [u32; 3] = [50, 128, 256];
 /// Share of the grid, from its middle, in which the largest overlap has to be.
-const INNER: f64 = 0.9;
+const INNER_SHARE: f64 = 0.9;
 /// Angle from which edges of coarse meshes are creases, rad.
 const CREASE: f64 = 0.6;
 
@@ -254,7 +254,7 @@ fn compare(name: &str, bodies: [&Body; 2], contacts: usize) -> Result<(), Box<dy
         let [a, b] =
             [seen[0].largest(&seen[1], contact.half_size), seen[1].largest(&seen[0], contact.half_size)];
         let (depth, at) = if a.0 > b.0 { a } else { b };
-        if !depth.is_finite() || at.abs().max_element() > INNER * contact.half_size {
+        if !depth.is_finite() || at.abs().max_element() > INNER_SHARE * contact.half_size {
             left_out += 1;
             continue;
         }

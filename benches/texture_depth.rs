@@ -1,9 +1,10 @@
-//! Time of the directional penetration depth of textured surfaces (§4.4): two bumpy plates of 200 triangles each, displaced by
-//! ridges, in 7 contacts (the most of Fig. 4.16), by the size of the grid and by where derivatives come from.
+//! Time of the directional penetration depth of textured surfaces (§4.4): two bumpy plates of 200 triangles
+//! each, displaced by ridges, in 7 contacts (the most of Fig. 4.16), by the size of the grid and by where
+//! derivatives come from.
 //!
-//! `cargo bench -p palpate-benches --bench texture_depth`, criterion's group `texture_depth`. The processor's backend is
-//! measured; with `-- GPU` the GPU's is instead. `valgrind --tool=callgrind` on the same program with the arguments
-//! `count GRID TIMES` counts the instructions of the processor's.
+//! `cargo bench -p palpate-benches --bench texture_depth`, criterion's group `texture_depth`. The processor's
+//! backend is measured; with `-- GPU` the GPU's is instead. `valgrind --tool=callgrind` on the same program
+//! with the arguments `count GRID TIMES` counts the instructions of the processor's.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "a program that reports to the console")]
 

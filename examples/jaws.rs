@@ -1,4 +1,5 @@
-//! An emulated hand moves an upper jaw over a lower one: it opens, closes, grinds sideways and back and forth, and opens.
+//! An emulated hand moves an upper jaw over a lower one: it opens, closes, grinds sideways and back and
+//! forth, and opens.
 //!
 //! `cargo run --release --example jaws`
 

@@ -26,7 +26,7 @@ const ROUNDING: f64 = 1e-10;
 const HULL_ROUNDING: f64 = 1e-8;
 
 /// Number of faults of one kind on one level that are described; the others are only counted.
-const DESCRIBED: usize = 3;
+const MAX_DESCRIBED: usize = 3;
 
 /// Parameters of an examination.
 #[derive(Clone, Copy, Debug)]
@@ -62,9 +62,9 @@ impl Findings {
         *self.checks.entry(what).or_default() += checked;
         let count = faults.len();
         self.faults
-            .extend(faults.into_iter().take(DESCRIBED).map(|fault| format!("{place}: {what}: {fault}")));
-        if count > DESCRIBED {
-            self.fault(format!("{place}: {what}: {} more like these", count - DESCRIBED));
+            .extend(faults.into_iter().take(MAX_DESCRIBED).map(|fault| format!("{place}: {what}: {fault}")));
+        if count > MAX_DESCRIBED {
+            self.fault(format!("{place}: {what}: {} more like these", count - MAX_DESCRIBED));
         }
     }
 }

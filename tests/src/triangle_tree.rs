@@ -8,7 +8,7 @@ use palpate::{Pose, TriMesh};
 use crate::brute_force::{nearest_on_triangle, triangle_distance};
 
 /// Largest number of triangles in a leaf.
-const LEAF: usize = 4;
+const MAX_LEAF_TRIANGLES: usize = 4;
 
 /// Directions of rays, in no special position to any mesh.
 const RAYS: [DVec3; 3] = [
@@ -183,7 +183,7 @@ fn split(triangles: &mut [([DVec3; 3], u32)], first: usize, end: usize, nodes: &
     let (low, high) = bounds(own);
     let index = nodes.len();
     nodes.push(Node { low, high, first, end, second: 0 });
-    if end - first <= LEAF {
+    if end - first <= MAX_LEAF_TRIANGLES {
         return;
     }
     let axis = (high - low).max_position();

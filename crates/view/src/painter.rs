@@ -24,7 +24,7 @@ const BACKGROUND: wgpu::Color = wgpu::Color { r: 0.97, g: 0.97, b: 0.96, a: 1.0 
 const SCENE: [f32; 4] = [0.72, 0.74, 0.78, 1.0];
 const PROBE: [f32; 4] = [0.86, 0.80, 0.70, 0.55];
 /// Opacity of patches and arrows behind other objects.
-const HIDDEN: f32 = 0.25;
+const HIDDEN_OPACITY: f32 = 0.25;
 /// Depth bias that draws patches over their own surface.
 const PATCH_BIAS: DepthBiasState = DepthBiasState { constant: -16, slope_scale: -2.0, clamp: 0.0 };
 
@@ -171,7 +171,7 @@ impl Painter {
         let (patches, arrows) = (self.mesh(&picture.patches), self.mesh(&picture.arrows));
         let here = Pose::IDENTITY;
         let opaque = [1.0; 4];
-        let hidden = [1.0, 1.0, 1.0, HIDDEN];
+        let hidden = [1.0, 1.0, 1.0, HIDDEN_OPACITY];
         let mut steps: Vec<(&RenderPipeline, &MeshOnGpu, &Pose, [f32; 4])> = Vec::new();
         steps.extend(scene.iter().map(|(mesh, pose)| (&self.solid, mesh, pose, SCENE)));
         steps.push((&self.over, &patches, &here, opaque));

@@ -35,7 +35,7 @@ const BYTES_PER_BYTE: u64 = 3;
 const EXTRA_BYTES: u64 = 72 << 10;
 
 /// One file in this many is also read from the disk, where its length is known beforehand.
-const ON_DISK: usize = 50;
+const DISK_INTERVAL: usize = 50;
 
 /// Longest time to read and query one file: a hundred times the usual time in a debug build on a loaded
 /// machine.
@@ -79,7 +79,7 @@ fn mutate_files(count: usize) {
                 while let Some(case) = Some(next.fetch_add(1, Ordering::Relaxed)).filter(|c| *c < count) {
                     let mut random = StdRng::seed_from_u64(SEED + case as u64);
                     let bytes = mutated(seeds, &mut random);
-                    let disk = (case % ON_DISK == 0).then_some(path.as_path());
+                    let disk = (case % DISK_INTERVAL == 0).then_some(path.as_path());
                     // A failure has to be reproducible.
                     let checked = catch_unwind(AssertUnwindSafe(|| check(&bytes, seeds, sound, disk, tally)));
                     assert!(checked.is_ok(), "case {case} of seed {SEED:#x}, {} bytes", bytes.len());

@@ -1,19 +1,19 @@
-//! At full resolution no region of close surfaces is missed: contact queries are compared with all close pairs of
-//! triangles, over random poses of every pair of models that queries are benchmarked on, with the built
-//! hierarchies and with hierarchies of random shape over the same patches.
+//! At full resolution no region of close surfaces is missed: contact queries are compared with all close
+//! pairs of triangles, over random poses of every pair of models that queries are benchmarked on, with the
+//! built hierarchies and with hierarchies of random shape over the same patches.
 //!
 //! For each pose, disjoint or penetrating, with d = 1 % of the probe's radius:
 //! - patches whose triangles intersect have a penetrating contact;
-//! - every local minimum of the distance within d that faces both objects has a contact at that distance, at the
-//!   same points or, where parallel features leave those open, between the same patches, unless patches there
-//!   penetrate;
-//! - so each connected region of close pairs has a contact in it, except those seen from behind (the far side of
-//!   a wall that is thinner than d); and no pair is further than [`REACH`] from a contact of its own region,
-//!   unless its own patches, which may be long, have one.
+//! - every local minimum of the distance within d that faces both objects has a contact at that distance, at
+//!   the same points or, where parallel features leave those open, between the same patches, unless patches
+//!   there penetrate;
+//! - so each connected region of close pairs has a contact in it, except those seen from behind (the far side
+//!   of a wall that is thinner than d); and no pair is further than [`REACH`] from a contact of its own
+//!   region, unless its own patches, which may be long, have one.
 //!
 //! `PALPATE_POSES` sets the number of poses per pair, by default [`DEFAULT_POSES`] or, for the real models,
-//! [`DEFAULT_REAL_POSES`]; `PALPATE_PAIR` selects the pairs whose names contain it:
-//! `PALPATE_POSES=10000 cargo test --release -p palpate-tests --test it conservative:: -- --include-ignored --nocapture`.
+//! [`DEFAULT_REAL_POSES`]; `PALPATE_PAIR` selects the pairs whose names contain it: `PALPATE_POSES=10000
+//! cargo test --release -p palpate-tests --test it conservative:: -- --include-ignored --nocapture`.
 
 use std::collections::{HashMap, HashSet};
 use std::io::Write as _;

@@ -1,5 +1,5 @@
-//! Full-resolution contact queries, on real meshes against brute force over all pairs of triangles, and on built-in
-//! ones against hierarchies without levels of detail.
+//! Full-resolution contact queries, on real meshes against brute force over all pairs of triangles, and on
+//! built-in ones against hierarchies without levels of detail.
 
 use std::collections::{BTreeMap, HashSet};
 use std::sync::OnceLock;

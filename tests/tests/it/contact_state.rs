@@ -16,7 +16,7 @@ use palpate_tests::{first_touch, model, smooth};
 const STEP: f64 = 1e-3;
 
 /// Depth at which an object counts as lost, m.
-const LOST: f64 = 5e-3;
+const LOST_DEPTH: f64 = 5e-3;
 
 /// Task of the hand: it comes down, presses, rubs, and holds still; in metres at the device.
 #[derive(Clone, Copy)]
@@ -85,7 +85,7 @@ fn render(probe: &Object, scene: &Object, settings: Settings, task: &Task, rate:
             }
             let mut update = contact.step(haptic.body_state(), now - STEP);
             seen.depth = seen.depth.max(update.depth);
-            if seen.depth > LOST {
+            if seen.depth > LOST_DEPTH {
                 return seen;
             }
             if hold {
@@ -157,7 +157,7 @@ fn jaws_stay_in_place_at_slow_contact_rates_by_the_linearised_model_alone() {
         assert!(seen.depth < depth && seen.wander < wander, "{context}");
         let held = render(&upper, &lower, settings, &task, rate, true);
         assert!(
-            held.depth > LOST,
+            held.depth > LOST_DEPTH,
             "stable without the model as well, and nothing is shown: {rate} Hz: {held:?}"
         );
     }

@@ -1,12 +1,12 @@
 //! Plugins for [Bevy](https://bevy.org): entities that are felt, and one that is in the hand.
 //!
-//! The haptic session runs in threads of its own and is never stepped by a schedule. Once a frame, [`HapticPlugins`]
-//! sends it the poses and velocities of felt entities, and moves the grasped entity to the latest pose from the
-//! session's mailbox. Contact impulses on entities with a [`Movable`] arrive as [`ContactImpulse`] messages, and contact
-//! forces on the grasped object as [`HapticContacts`].
+//! The haptic session runs in threads of its own and is never stepped by a schedule. Once a frame,
+//! [`HapticPlugins`] sends it the poses and velocities of felt entities, and moves the grasped entity to the
+//! latest pose from the session's mailbox. Contact impulses on entities with a [`Movable`] arrive as
+//! [`ContactImpulse`] messages, and contact forces on the grasped object as [`HapticContacts`].
 //!
-//! Lengths are metres. Only Bevy's application, entities and transforms are used, in `f32`; the session itself is in
-//! `f64`.
+//! Lengths are metres. Only Bevy's application, entities and transforms are used, in `f32`; the session
+//! itself is in `f64`.
 //!
 //! ```no_run
 //! use bevy_app::App;

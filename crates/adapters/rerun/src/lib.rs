@@ -1,8 +1,10 @@
-//! Logs sessions to [Rerun](https://rerun.io), where they can be watched while they run and scrubbed afterwards: the object in the hand,
-//! the scene, the patches that touch in the colour of their level of detail, what pushes where, and forces, torques and depths over time.
+//! Logs sessions to [Rerun](https://rerun.io), where they can be watched while they run and scrubbed
+//! afterwards: the object in the hand, the scene, the patches that touch in the colour of their level of
+//! detail, what pushes where, and forces, torques and depths over time.
 //!
-//! A [`SessionLog`] is fed where a session's records are taken, never in the haptic or the contact thread: neither knows of it. It writes
-//! to any [`RecordingStream`]: a file, a viewer that runs, or memory. Times are on the timeline [`TIMELINE`], lengths are metres.
+//! A [`SessionLog`] is fed where a session's records are taken, never in the haptic or the contact thread:
+//! neither knows of it. It writes to any [`RecordingStream`]: a file, a viewer that runs, or memory. Times
+//! are on the timeline [`TIMELINE`], lengths are metres.
 //!
 //! | entity | is |
 //! |---|---|
