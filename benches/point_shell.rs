@@ -329,6 +329,7 @@ impl PointShell {
         let inverse_spacing = Vec3::ONE / Vec3::from(spacing);
         let mut index = 0;
         while let Some(node) = self.nodes.get(index) {
+            // Outside the grid, the distance to its box plus the margin is a lower bound.
             let at = to_grid.transform_point3a(node.center.into());
             let nearest = at.clamp(Vec3A::ZERO, last);
             let distance = if nearest == at {
@@ -337,6 +338,7 @@ impl PointShell {
             } else {
                 ((at - nearest) * spacing).length() + margin
             };
+            // No point of the sphere is within d if the distance at its centre exceeds its radius by d.
             if distance > node.radius + tolerance {
                 index = node.skip as usize;
                 continue;
@@ -358,6 +360,7 @@ impl PointShell {
                 let (corners, within) = scene.cell(at);
                 let distance = interpolated(&corners, within);
                 if distance < tolerance {
+                    // From the cell's unit to metres: ∂/∂x = (1/spacing) ∂/∂u.
                     let gradient = gradient(&corners, within) * inverse_spacing;
                     contacts.push(ShellContact {
                         feature: self.features[point],

@@ -181,6 +181,7 @@ impl Reference {
         let mut regions = Vec::new();
         for (side, near) in near.iter().enumerate() {
             let own = &self.sides[side];
+            // The deepest sample of each triangle that is inside the other body.
             let inside: Vec<(u32, Region)> = near
                 .par_iter()
                 .filter_map(|triangle| {
@@ -200,6 +201,7 @@ impl Reference {
                     Some((*triangle, Region { depth: deepest.depth, place, low, high }))
                 })
                 .collect();
+            // Triangles that share an edge are merged by flood fill.
             let mut of_triangle: std::collections::HashMap<u32, Region> = inside.iter().copied().collect();
             for (first, _) in &inside {
                 let Some(mut region) = of_triangle.remove(first) else { continue };

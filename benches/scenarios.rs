@@ -388,6 +388,7 @@ impl Sliding {
         let start = self.start.unwrap_or(other.center - own.center - self.direction * apart);
         let (across, along) = self.direction.any_orthonormal_pair();
         let pivot = self.pivot.unwrap_or(own.center);
+        // Phase 0 to 1 is a closed loop: shift (sin, 1 − cos) across the direction, turn by the sine.
         let pose = |phase: f64, advance: f64| {
             let (sine, cosine) = (TAU * phase).sin_cos();
             let rotation = DQuat::from_scaled_axis(self.turn * sine);
@@ -447,6 +448,7 @@ impl Press {
                 return Err("the probe does not meet the scene object".into());
             }
         }
+        // Bisection between a clear and a deep displacement.
         while below - above > PATH_DEPTH_ERROR * self.radius {
             let middle = f64::midpoint(above, below);
             if self.is_deep(&pose(middle)) {

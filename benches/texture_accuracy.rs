@@ -160,6 +160,7 @@ impl Seen {
         let mut seen = Self { triangles: Vec::new(), cells: vec![Vec::new(); CELLS * CELLS], half, side };
         for triangle in 0..mesh.triangles().len() {
             let corners = mesh.corners(triangle);
+            // In the contact's frame: u, v along the grid, z along the normal.
             let [a, b, c] = corners.map(|corner| axes * (pose.transform_point(corner) - contact.point));
             let (low, high) = (a.min(b).min(c), a.max(b).max(c));
             let inside = low.truncate().max_element() < half && high.truncate().min_element() > -half;
@@ -186,6 +187,7 @@ impl Seen {
         let cell = &self.cells[self.cell(at.y) * CELLS + self.cell(at.x)];
         let height = |&index: &u32| {
             let [a, b, c] = self.triangles[index as usize];
+            // Barycentric weights of the place in the triangle's projection.
             let area = (b - a).truncate().perp_dot((c - a).truncate());
             let [p, q, r] = [a, b, c].map(|corner| corner.truncate() - at);
             let weights = [q.perp_dot(r), r.perp_dot(p), p.perp_dot(q)].map(|weight| weight / area);

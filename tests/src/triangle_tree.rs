@@ -111,6 +111,7 @@ impl TriangleTree {
             }
             let children =
                 [index + 1, node.second].map(|child| (child, self.nodes[child].distance_squared(p)));
+            // The nearer child goes on top of the stack, so that the bound shrinks early.
             let nearer = usize::from(children[1].1 < children[0].1);
             stack.extend([children[1 - nearer], children[nearer]]);
         }
@@ -118,7 +119,8 @@ impl TriangleTree {
     }
 
     /// Returns the winding number of a closed, oriented surface about a point that is not on it: 1 inside an
-    /// object, 0 outside. It is the median of the signed crossings of three rays, since one may hit an edge.
+    /// object, 0 outside. It is the count of signed crossings that two of three rays agree on, since one may hit
+    /// an edge.
     pub fn winding(&self, p: DVec3) -> i32 {
         let [a, b, c] = RAYS.map(|ray| self.crossings(p, ray));
         if b == c { b } else { a }

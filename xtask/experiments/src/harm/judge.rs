@@ -105,6 +105,7 @@ impl Judge {
             return;
         }
         self.bad = None;
+        // A device with time stamps is stale when neither time nor pose advances.
         let stays = |last: &DeviceState| state.time <= last.time && state.pose == last.pose;
         if self.stamped && self.good.as_ref().is_some_and(stays) {
             self.same.get_or_insert(time);
@@ -127,6 +128,7 @@ impl Judge {
         let of_force = peak(actuated.translation, wrench.force, *peak_force);
         raise(&mut self.parts.peak, of_force.max(peak(actuated.rotation, wrench.torque, *peak_torque)));
 
+        // The wrench may grow by the slew rate times the step, and shrink at any rate.
         let longest = MAX_GROWTH_PERIODS * self.period;
         let allowed = if step.dt.is_nan() { longest } else { step.dt.clamp(0.0, longest) };
         let slew = (self.slew.0.max(self.before.0), self.slew.1.max(self.before.1));
