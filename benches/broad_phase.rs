@@ -1,13 +1,13 @@
 //! Time of a scene query with 1 to 10,000 instances, one of them in contact.
 //!
-//! `cargo bench -p palpate-benches --bench broad_phase`. The probe, an ellipsoid, slides over one of the golf balls that
-//! stand in a cubic lattice, 0.1 mm a run.
+//! `cargo bench -p palpate-benches --bench broad_phase`. The probe, an ellipsoid, slides over one of the golf
+//! balls that stand in a cubic lattice, 0.1 mm a run.
 //!
 //! - `still`: nothing else moves. `contact_query` is the query with the touched object alone.
 //! - `tenth moves`: so does every tenth instance, to and fro by 1 mm.
 //! - `jump`: the probe leaps to and fro across the lattice, so that every object has to be looked at.
-//! - `tree/…`: the broad phase alone by parry's tree of boxes: the boxes of the objects that move are changed and the tree
-//!   is refitted, then it is asked which reach into the probe's box.
+//! - `tree/…`: the broad phase alone by parry's tree of boxes: the boxes of the objects that move are changed
+//!   and the tree is refitted, then it is asked which reach into the probe's box.
 
 #![allow(missing_docs, reason = "a benchmark")]
 
@@ -22,9 +22,9 @@ use parry3d_f64::math::Vector;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
 
 const INSTANCES: [usize; 5] = [1, 10, 100, 1000, 10_000];
-/// Of instances, in radii.
+/// Distance of the instances, in radii.
 const SPACING: f64 = 4.0;
-/// Of the probe and of the instances that move, m.
+/// Displacements per run of the probe and of the moving instances, m.
 const STEP: f64 = 1e-4;
 const SHIFT: f64 = 1e-3;
 
@@ -42,7 +42,7 @@ impl Setting {
         Self { probe, ball, settings }
     }
 
-    /// Where the instances are; the first is at the origin, and has others all around.
+    /// Returns the places of the instances; the first is at the origin, with others all around.
     fn places(&self, count: usize) -> Vec<DVec3> {
         let side = 1 + 2 * (1..).find(|half: &i32| (2 * half + 1).pow(3) as usize >= count).unwrap_or(1);
         let lattice = (0..side.pow(3))
@@ -54,7 +54,7 @@ impl Setting {
         places
     }
 
-    /// Along the first instance, touching it.
+    /// Returns a pose of the probe along the first instance, in contact.
     fn probe_pose(&self, run: usize) -> Pose {
         let height = self.touching_height();
         let there_and_back = (run % 200).min(200 - run % 200) as f64 - 50.0;

@@ -1,32 +1,32 @@
-//! Instructions of functions, as valgrind's callgrind counts them: without hardware counters, and the same each time.
+//! Instruction counts of functions by valgrind's callgrind: without hardware counters, and reproducible.
 
 use std::collections::HashMap;
 use std::io;
 use std::path::Path;
 use std::process::Command;
 
-/// Calls of a function, and the instructions in it and in what it called.
+/// Calls of a function, and the instructions in it and in its callees.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cost {
-    /// Calls.
+    /// Number of calls.
     pub calls: u64,
-    /// Instructions, of all calls together.
+    /// Instructions of all calls together.
     pub instructions: u64,
 }
 
 impl Cost {
-    /// Instructions a call; none of a function that was never called.
+    /// Returns instructions per call; `None` for a function that was never called.
     pub fn per_call(&self) -> Option<f64> {
         (self.calls > 0).then(|| self.instructions as f64 / self.calls as f64)
     }
 }
 
-/// Whether valgrind can be run.
+/// Returns whether valgrind can be run.
 pub fn is_installed() -> bool {
     Command::new("valgrind").arg("--version").output().is_ok_and(|output| output.status.success())
 }
 
-/// Runs a program under callgrind; what each of some functions cost, by a part of their names.
+/// Runs a program under callgrind, and returns the costs of functions by parts of their names.
 ///
 /// # Errors
 /// If valgrind or the program fails, or the profile cannot be read.
@@ -50,8 +50,9 @@ pub fn count<const N: usize>(
     Ok(functions.map(|function| of_calls(&profile, function)))
 }
 
-/// The inclusive cost of all calls to functions whose names have a part, in callgrind's format: `cfn=(id) name`, where the name
-/// is left out once it is known, then `calls=N …`, then a line with a position and the cost.
+/// Returns the inclusive cost of all calls to functions whose names contain a part. Callgrind's format is
+/// `cfn=(id) name`, with the name omitted once it is known, then `calls=N …`, then a line with a position and
+/// the cost.
 fn of_calls(profile: &str, part: &str) -> Cost {
     let mut named: HashMap<&str, bool> = HashMap::new();
     let mut total = Cost::default();
@@ -61,7 +62,7 @@ fn of_calls(profile: &str, part: &str) -> Cost {
         if let Some((kind, function)) = line.split_once('=').filter(|(kind, _)| matches!(*kind, "fn" | "cfn"))
         {
             let (id, name) = function.split_once(' ').unwrap_or((function, ""));
-            // Names are written in full where they are not compressed to numbers.
+            // Uncompressed names are written in full.
             let known = if id.starts_with('(') { (!name.is_empty()).then_some(name) } else { Some(function) };
             let matches = match known {
                 Some(name) => *named.entry(id).or_insert(name.contains(part)),

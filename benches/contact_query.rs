@@ -1,10 +1,12 @@
-//! Time of a contact query and of clustering its contacts: the upper jaw on the lower one, along a recorded trajectory.
+//! Time of a contact query and of clustering its contacts: the upper jaw on the lower one, along a recorded
+//! trajectory.
 //!
-//! `cargo bench -p palpate-benches --bench contact_query`. An iteration of `contact_query/jaws` runs through all poses;
-//! the throughput is in poses. `contact_query/jaws_closed` is the pose with the most contacts alone, from the roots.
-//! `…/2.5%` leaves out detail below that error, as a part of the probe's radius. With the environment variables
-//! `PALPATE_PROBE`, `PALPATE_SCENE` and `PALPATE_TRAJECTORY` (mesh or `.clod` files by their whole paths, or built-in models, and
-//! poses as of `palpate query`) it measures these, as `own` in place of `jaws`.
+//! `cargo bench -p palpate-benches --bench contact_query`. An iteration of `contact_query/jaws` runs through
+//! all poses; the throughput is in poses. `contact_query/jaws_closed` is the pose with the most contacts
+//! alone, from the roots. `…/2.5%` leaves out detail below that error, as a part of the probe's radius. With
+//! the environment variables `PALPATE_PROBE`, `PALPATE_SCENE` and `PALPATE_TRAJECTORY` (mesh or `.clod` files
+//! by their whole paths, or built-in models, and poses as of `palpate query`) it measures these, as `own` in
+//! place of `jaws`.
 
 #![allow(missing_docs, reason = "a benchmark")]
 
@@ -17,16 +19,16 @@ use palpate::collide::{Clustering, ContactQuery, QuerySettings};
 use palpate::device::{Interpolation, MotionPath};
 use palpate::{Object, OpenOptions, Pose};
 
-/// Poses of the trajectory that are used: every tenth.
+/// Step between the poses of the trajectory that are used.
 const STRIDE: usize = 10;
-/// Tolerance as a fraction of the probe's radius.
+/// Tolerance relative to the probe's radius.
 const TOLERANCE: f64 = 0.01;
-/// Error that is left out, likewise (§3.5.2).
+/// Error threshold relative to the probe's radius (§3.5.2).
 const ERROR: f64 = 0.025;
 /// Number of contact clusters (§5.5.1).
 const CLUSTERS: usize = 5;
 
-/// The names of measurements, and the probe, the scene object and the trajectory that they are of.
+/// Returns the name of the measurements, and the probe, the scene object and the trajectory.
 fn subject() -> (&'static str, [String; 3]) {
     let given = ["PALPATE_PROBE", "PALPATE_SCENE", "PALPATE_TRAJECTORY"].map(|name| std::env::var(name).ok());
     if let [Some(probe), Some(scene), Some(trajectory)] = given {

@@ -1,9 +1,10 @@
-//! What contact sets leave of a query's contacts, and what they cost: over the scenarios that queries are compared on.
+//! Reduction of a query's contacts to contact sets, and its cost, over the scenarios that queries are
+//! compared on.
 //!
-//! `cargo bench -p palpate-benches --bench contact_set`, or `-- --scenario jaws --poses 1000`. Queries follow the path in
-//! blocks of poses a millisecond apart. `share` is a set's time as a part of its query's at the same pose. `first` is one
-//! contact for each region; `spaced` keeps maxima at the noticeable spacing. The last column counts regions whose depth
-//! is that of a pair of patches.
+//! `cargo bench -p palpate-benches --bench contact_set`, or `-- --scenario jaws --poses 1000`. Queries follow
+//! the path in blocks of poses a millisecond apart. `share` is a set's time relative to its query's at the
+//! same pose. `first` has one contact for each region; `spaced` keeps maxima at the noticeable spacing. The
+//! last column counts regions whose depth is that of a pair of patches.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "it prints tables")]
 
@@ -19,7 +20,7 @@ use palpate_benches::scenarios::{self, Scenario};
 use palpate_measure::quantile;
 
 #[derive(Parser)]
-#[command(about = "What contact sets leave of a query's contacts, and what they cost")]
+#[command(about = "Reduction of a query's contacts to contact sets, and its cost")]
 struct Arguments {
     /// Scenarios
     #[arg(long, num_args = 1.., value_name = "NAME", default_values = ["jaws", "spoon-cup"])]
@@ -27,10 +28,10 @@ struct Arguments {
     /// Poses of each path
     #[arg(long, default_value_t = 200)]
     poses: usize,
-    /// Error left out, as a part of the probe's radius
+    /// Error threshold, relative to the probe's radius
     #[arg(long, default_value_t = 0.0)]
     error: f64,
-    /// What cargo passes to every benchmark
+    /// Argument that cargo passes to every benchmark
     #[arg(long, hide = true)]
     bench: bool,
 }
@@ -75,7 +76,7 @@ fn measure(scenario: &Scenario, arguments: &Arguments) {
     let kinds = [first, ContactSetSettings { spacing: set.noticeable_spacing(), ..first }];
     let mut rows: [Row; 3] = std::array::from_fn(|_| Row::default());
     let stride = scenario.poses.len().div_ceil(arguments.poses.max(1)).max(1);
-    // Poses a millisecond apart, in blocks: the query's time is that of following the motion.
+    // Poses a millisecond apart, in blocks, so that the query follows the motion.
     let block = 10;
     for (index, pose) in scenario.poses.iter().enumerate() {
         if index / block % stride != 0 {
@@ -90,7 +91,7 @@ fn measure(scenario: &Scenario, arguments: &Arguments) {
         rows[0].contacts.push(query.contacts().len() as f64);
         rows[0].times.push(query_time);
         for (row, settings) in rows[1..].iter_mut().zip(&kinds) {
-            // A run keeps nothing of the last one, so the quickest of three is the least disturbed.
+            // A run keeps nothing of the last one, so the fastest of three is the least disturbed.
             let times = [(); 3].map(|()| {
                 let start = Instant::now();
                 set.run(query.contacts(), pose, &Pose::IDENTITY, settings)

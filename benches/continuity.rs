@@ -1,9 +1,15 @@
-//! How steadily the wrench changes: windows along a scenario's path in which hardly anything moves from one pose to the next.
+//! Continuity of the wrench: windows along a scenario's path in which the motion from pose to pose is tiny.
 //!
-//! A step is as long as no point of the probe's bounding sphere moves further: |Δx| + R |Δθ|. Changes of the force are told as
-//! |Δ**F**| / (k · step), those of the torque about the sphere's centre as |Δ**τ**| / (k R · step), by the
-//! [`AreaLaw`]. A wrench that is continuous keeps these bounded however small the steps are; of one that
-//! jumps they grow as steps become smaller.
+//! The length of a step bounds the motion of all points of the probe's bounding sphere:
+//! Δx
+//! + R
+//! Δθ
+//! . Changes of the force are reported as
+//! Δ**F**
+//! / (k · step), those of the torque about the sphere's centre as
+//! Δ**τ**
+//! / (k R · step), with the [`AreaLaw`]. For a continuous wrench these stay bounded however small the steps
+//! are; for one that jumps they grow as the steps become smaller.
 
 use palpate::core::mesh::Sphere;
 use palpate::{Pose, Wrench};
@@ -13,27 +19,27 @@ use crate::method::Method;
 use crate::reference::LAW_REACH;
 use crate::scenarios::Scenario;
 
-/// Windows, spread evenly over the path, and the steps of each.
+/// Number of windows, spread evenly over the path, and of steps in each.
 const WINDOWS: usize = 40;
 const STEPS: usize = 50;
-/// Parts that the step with the largest change is cut into.
+/// Number of parts into which the step with the largest change is subdivided.
 const PARTS: usize = 10;
 
-/// How the wrench changed in a step.
+/// Change of the wrench in a step.
 #[derive(Clone, Debug)]
 pub struct Change {
-    /// Of the force, in units of k · step.
+    /// Change of the force, in units of k · step.
     pub force: f64,
-    /// Of the torque, in units of k R · step.
+    /// Change of the torque, in units of k R · step.
     pub torque: f64,
     step: Window,
 }
 
-/// Poses of the probe, close to one another.
+/// Closely spaced poses of the probe.
 #[derive(Clone, Debug)]
 pub struct Window {
     poses: Vec<Pose>,
-    /// How long each step is, m: one fewer than there are poses.
+    /// Length of each step, m: one fewer than there are poses.
     steps: Vec<f64>,
 }
 
@@ -42,8 +48,8 @@ impl Window {
         Self { poses: vec![pose], steps: Vec::with_capacity(STEPS) }
     }
 
-    /// Goes on to a pose in steps no longer than this (m), as long as there are fewer of them than `most`.
-    fn go_on(&mut self, to: &Pose, longest: f64, most: usize, sphere: &Sphere) {
+    /// Appends poses up to `to`, in steps no longer than `longest` (m), while there are fewer than `most`.
+    fn extend(&mut self, to: &Pose, longest: f64, most: usize, sphere: &Sphere) {
         let Some(from) = self.poses.last().copied() else { return };
         let [start, end] = [&from, to].map(|pose| pose.transform_point(sphere.center));
         let moved = start.distance(end) + sphere.radius * from.rotation_vector_to(to).length();
@@ -57,18 +63,19 @@ impl Window {
         }
     }
 
-    /// Steps.
+    /// Returns the number of steps.
     pub fn len(&self) -> usize {
         self.steps.len()
     }
 
-    /// Whether there are no steps.
+    /// Returns whether there are no steps.
     pub fn is_empty(&self) -> bool {
         self.steps.is_empty()
     }
 }
 
-/// Windows whose steps are no longer than this (m); where the path moves by less from one of its poses to the next, shorter.
+/// Returns windows with steps no longer than `longest` (m). Where the path's own poses are closer, the steps
+/// are shorter.
 pub fn windows(scenario: &Scenario, longest: f64) -> Vec<Window> {
     let Scenario { probe, poses, .. } = scenario;
     let sphere = probe.mesh.bounding_sphere();
@@ -76,14 +83,14 @@ pub fn windows(scenario: &Scenario, longest: f64) -> Vec<Window> {
         let first = (2 * index + 1) * poses.len() / (2 * WINDOWS);
         let mut window = Window::at(poses[first]);
         for pose in &poses[first + 1..] {
-            window.go_on(pose, longest, STEPS, &sphere);
+            window.extend(pose, longest, STEPS, &sphere);
         }
         window
     };
     (0..WINDOWS).map(window).collect()
 }
 
-/// How the wrench changes in each step in which a method finds contact.
+/// Returns the change of the wrench in each step in which a method finds contact.
 pub fn changes(scenario: &Scenario, method: &mut dyn Method, windows: &[Window]) -> Vec<Change> {
     let sphere = scenario.probe.mesh.bounding_sphere();
     let mut law = AreaLaw::new(sphere.center, sphere.radius, LAW_REACH);
@@ -111,14 +118,14 @@ pub fn changes(scenario: &Scenario, method: &mut dyn Method, windows: &[Window])
     changes
 }
 
-/// The largest change of the force, and that in steps of a tenth within the same step: the same where the force is steep there, ten
-/// times as much where it jumps.
+/// Returns the largest change of the force, and that in a tenth of the same step: the same where the force is
+/// steep there, ten times as large where it jumps.
 pub fn largest(scenario: &Scenario, method: &mut dyn Method, changes: &[Change]) -> [f64; 2] {
     let Some(largest) = changes.iter().max_by(|a, b| a.force.total_cmp(&b.force)) else { return [0.0; 2] };
     let Window { poses, steps } = &largest.step;
     let mut finer = Window::at(poses[0]);
-    // Rounding may make it one more.
-    finer.go_on(&poses[1], steps[0] / PARTS as f64, PARTS + 1, &scenario.probe.mesh.bounding_sphere());
+    // Rounding may add a step.
+    finer.extend(&poses[1], steps[0] / PARTS as f64, PARTS + 1, &scenario.probe.mesh.bounding_sphere());
     let within = self::changes(scenario, method, &[finer]);
     [largest.force, within.iter().map(|change| change.force).fold(0.0, f64::max)]
 }
@@ -136,7 +143,8 @@ mod tests {
     const STEP: f64 = 1e-6;
     const JUMP: f64 = 5e-6;
 
-    /// A floor at z = 0 that the probe's frame dips into, and that gives way by [`JUMP`] where x > 0.
+    /// Method for a floor at z = 0 that the probe's frame dips into; the floor is lower by [`JUMP`] where x >
+    /// 0.
     struct Floor;
 
     impl Method for Floor {
@@ -154,7 +162,7 @@ mod tests {
         }
     }
 
-    /// A path that sinks by 10 µm from pose to pose, turns, and crosses x = 0.
+    /// Returns a path that sinks by 10 µm from pose to pose, turns, and crosses x = 0.
     fn scenario() -> Scenario {
         let object = Object::model("ellipsoid@100").expect("a model");
         let mesh =
@@ -198,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn a_jump_is_seen_and_a_slope_is_no_jump() {
+    fn a_jump_is_seen_and_a_slope_is_not_a_jump() {
         let scenario = scenario();
         let changes = changes(&scenario, &mut Floor, &windows(&scenario, STEP));
         assert!(

@@ -1,10 +1,11 @@
-//! Time of one pair of convex hulls (§3.4.1), which is what contact queries are made of: by the vertices of each hull, apart,
-//! touching and overlapping, from nothing (`cold`) and from the answer at the pose before (`warm`).
+//! Time of one pair of convex hulls (§3.4.1), the elementary operation of contact queries: by the number of
+//! vertices of each hull, apart, touching and overlapping, without a start (`cold`) and from the answer at
+//! the pose before (`warm`).
 //!
-//! `cargo bench -p palpate-benches --bench convex_pairs`. Hulls are points spread over an ellipsoid, with a support map from
-//! where queries use one. An iteration turns the second hull a little and asks again, with the distance first and, where the
-//! hulls overlap, the depth. A line before each measurement says how many iterations the distance takes, and checks that the
-//! pair is what it is called.
+//! `cargo bench -p palpate-benches --bench convex_pairs`. Hulls are points spread over an ellipsoid, with a
+//! support map from the size at which queries use one. An iteration turns the second hull slightly and
+//! computes the distance and, where the hulls overlap, the depth. A line before each measurement prints the
+//! number of iterations of the distance, and checks that the pair is what its name says.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "a program that reports to the console")]
 
@@ -18,16 +19,16 @@ use palpate::glam::{DQuat, DVec3};
 
 /// Half axes of the hulls, m.
 const AXES: DVec3 = DVec3::new(0.01, 0.008, 0.006);
-/// As of a query with a tolerance of 0.1 mm.
+/// Limits of a query with a tolerance of 0.1 mm.
 const LIMITS: Limits = Limits { beyond: f64::INFINITY, share: 0.0, enough: -1.0, precision: 1e-8 };
-/// How much the second hull turns from pose to pose, rad: 1 rad/s at 1 kHz.
+/// Rotation of the second hull from pose to pose, rad: 1 rad/s at 1 kHz.
 const TURN: f64 = 1e-3;
-/// Poses that an iteration goes round.
+/// Number of poses that are cycled through.
 const POSES: usize = 64;
-/// Vertices of each hull.
+/// Numbers of vertices of each hull.
 const SIZES: [usize; 4] = [8, 32, 128, 512];
 
-/// So many points spread evenly over the ellipsoid, from pole to pole in a spiral.
+/// Returns points spread evenly over the ellipsoid, in a spiral from pole to pole.
 fn ellipsoid(count: usize) -> Vec<DVec3> {
     let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     let point = |index: usize| {
@@ -52,14 +53,14 @@ struct Pair<'a> {
 }
 
 impl<'a> Pair<'a> {
-    /// With a gap (m) between them at the first pose; negative: they overlap.
+    /// Returns a pair with a gap (m) at the first pose; if negative, the hulls overlap.
     fn new(a: Hull<'a>, b: Hull<'a>, gap: f64) -> Self {
         let direction = DVec3::new(0.5, 0.3, 0.8).normalize();
-        // Moved along the direction until they are as far apart as that.
+        // Bisection along the direction for the place at which they touch.
         let (mut near, mut far) = (0.0, 1.0);
-        let placement = |way: f64, angle: f64| {
+        let placement = |distance: f64, angle: f64| {
             let rotation = DQuat::from_scaled_axis(DVec3::new(0.3, 1.0, -0.4).normalize() * (0.7 + angle));
-            Placement::between(&Pose::IDENTITY, &Pose::new(direction * way, rotation))
+            Placement::between(&Pose::IDENTITY, &Pose::new(direction * distance, rotation))
         };
         while far - near > 1e-12 {
             let middle = 0.5 * (near + far);
@@ -67,9 +68,9 @@ impl<'a> Pair<'a> {
             let apart = found.separation == Separation::Within;
             *(if apart && found.distance > gap.max(0.0) { &mut far } else { &mut near }) = middle;
         }
-        let way = far + gap.min(0.0);
+        let distance = far + gap.min(0.0);
         let angle = |index: usize| TURN * (std::f64::consts::TAU * index as f64 / POSES as f64).sin();
-        let placements = (0..POSES).map(|index| placement(way, angle(index))).collect();
+        let placements = (0..POSES).map(|index| placement(distance, angle(index))).collect();
         let (vertices, tetrahedron) = (Vec::with_capacity(4), Vec::with_capacity(4));
         Self { a, b, placements, polytope: Polytope::new(), vertices, axis: -direction, tetrahedron }
     }
@@ -126,13 +127,13 @@ fn main() {
     criterion.final_summary();
 }
 
-/// Holds pairs to what they are called.
+/// Checks that pairs are what their names say.
 fn check(name: &str, found: &[(Separation, f64, u32)]) {
     for (separation, distance, _) in found {
         assert!(*separation != Separation::NotConverged, "{name}: {found:?}");
         let fits = match name {
             "separated" => (5e-4..2e-3).contains(distance),
-            // Turned by as much as it is, a hull of this size moves by some micrometres.
+            // By this rotation, the surface of a hull of this size moves by some micrometres.
             "touching" => distance.abs() < 2e-5,
             _ => (-4e-4..-5e-5).contains(distance),
         };

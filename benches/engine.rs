@@ -1,4 +1,5 @@
-//! The engine's contact query between a probe and a scene object that stands at the origin, and its contact set.
+//! The engine's contact query between a probe and a scene object that stands at the origin, and its contact
+//! set.
 
 use std::sync::Arc;
 
@@ -11,23 +12,23 @@ use palpate_field::AreaContact;
 
 use crate::method::Method;
 
-/// A contact query with the objects that it is asked about.
+/// Contact query with its objects.
 #[derive(Clone, Debug)]
 pub struct EngineQuery {
-    /// Of both objects' hierarchies and shapes, which workspaces share.
+    /// Size of both objects' hierarchies and shapes, which workspaces share.
     object_bytes: usize,
-    /// Of each node's patch, of the probe and of the scene object, m².
+    /// Areas of the nodes' patches, of the probe and of the scene object, m².
     areas: [Arc<[f64]>; 2],
     query: ContactQuery,
     outcome: QueryOutcome,
-    /// What each query asks for.
+    /// Settings of each query.
     pub settings: QuerySettings,
     /// Whether each query starts from the roots, rather than from the last one's front.
     pub cold: bool,
 }
 
 impl EngineQuery {
-    /// A query for contacts within a tolerance (m), at full resolution.
+    /// Returns a query for contacts within a tolerance (m), at full resolution.
     pub fn new(probe: &Object, scene: &Object, tolerance: f64) -> Self {
         Self {
             object_bytes: object_bytes(probe, scene),
@@ -39,7 +40,7 @@ impl EngineQuery {
         }
     }
 
-    /// The contacts of the last query.
+    /// Returns the contacts of the last query.
     pub fn contacts(&self) -> &[PatchContact] {
         self.query.contacts()
     }
@@ -52,7 +53,7 @@ impl EngineQuery {
         }));
     }
 
-    /// What the last query found and what it cost.
+    /// Returns the result and the cost of the last query.
     pub fn outcome(&self) -> &QueryOutcome {
         &self.outcome
     }
@@ -71,7 +72,7 @@ impl Method for EngineQuery {
         self.append(self.contacts(), found);
     }
 
-    /// Of both objects and the workspace.
+    /// Includes both objects and the workspace.
     fn bytes(&self) -> usize {
         self.object_bytes + self.query.bytes()
     }
@@ -91,7 +92,7 @@ fn patch_areas(object: &Object) -> Arc<[f64]> {
     clod.nodes().map(area).collect()
 }
 
-/// A query with the contact set of what it finds.
+/// Query with the contact set of its contacts.
 #[derive(Clone, Debug)]
 pub struct EngineSet {
     query: EngineQuery,
@@ -100,8 +101,8 @@ pub struct EngineSet {
 }
 
 impl EngineSet {
-    /// One contact for each region of intersection, or more at the noticeable spacing, and separated ones merged within
-    /// the query's tolerance.
+    /// Returns a query with a set of one contact per region of intersection, or more at the noticeable
+    /// spacing, and with separated contacts merged within the query's tolerance.
     pub fn new(mut query: EngineQuery, probe: &Object, scene: &Object, spaced: bool) -> Self {
         let set = ContactSet::new(probe.shape(), scene.shape());
         let mut settings = ContactSetSettings::new(query.settings.tolerance);

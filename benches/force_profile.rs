@@ -1,13 +1,15 @@
-//! Profiles of contact force and torque along a path, at several errors s₀ against full resolution, as in Figs. 3.15 and
-//! 3.16 (§3.5.3): same path, same stiffness, penalties at five clusters of the query's contacts.
+//! Profiles of contact force and torque along a path, at several errors s₀ against full resolution, as in
+//! Figs. 3.15 and 3.16 (§3.5.3): same path, same stiffness, penalties at five clusters of the query's
+//! contacts.
 //!
-//! `cargo bench -p palpate-benches --bench force_profile -- --scenario jaws golf --svg FOLDER`, where the pictures are
-//! written. Profiles are magnitudes, a value a millisecond; torques are about the probe's centre of mass. `in contact`
-//! leaves out the parts of the path without force at full resolution, on which all agree easily. §3.5.3 calls profiles
-//! alike whose second derivatives are almost identical, and does not say how these were taken: here they are central
-//! differences, of the profiles as they are and smoothed by a Gaussian (`--smoothing`, its standard deviation in ms). The
-//! deviation is that of the profiles about their means, |(F − F̄) − (F₀ − F̄₀)|, in percent of the mean at full resolution:
-//! a coarser surface lies elsewhere, which shifts the mean.
+//! `cargo bench -p palpate-benches --bench force_profile -- --scenario jaws golf --svg FOLDER`, where the
+//! pictures are written. Profiles are magnitudes, a value a millisecond; torques are about the probe's centre
+//! of mass. `in contact` leaves out the parts of the path without force at full resolution, on which all
+//! agree easily. §3.5.3 calls profiles alike whose second derivatives are almost identical, and does not say
+//! how these were taken: here they are central differences, of the profiles as they are and smoothed by a
+//! Gaussian (`--smoothing`, its standard deviation in ms). The deviation is that of the profiles about their
+//! means, |(F − F̄) − (F₀ − F̄₀)|, in percent of the mean at full resolution: a coarser surface lies
+//! elsewhere, which shifts the mean.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "it prints tables")]
 
@@ -34,24 +36,24 @@ struct Arguments {
     /// Folder for a picture of each scenario's profiles
     #[arg(long)]
     svg: Option<PathBuf>,
-    /// What cargo passes to every benchmark
+    /// Argument that cargo passes to every benchmark
     #[arg(long, hide = true)]
     bench: bool,
 }
 
-/// Errors s₀, as parts of the probe's radius.
+/// Error thresholds s₀, relative to the probe's radius.
 const ERRORS: [f64; 4] = [0.004, 0.01, 0.025, 0.05];
 
 /// Magnitudes along the path, for stiffness 1.
 struct Profile {
-    /// m.
+    /// Forces, m.
     force: Vec<f64>,
-    /// m².
+    /// Torques, m².
     torque: Vec<f64>,
 }
 
 impl Profile {
-    /// At an error (a part of the probe's radius).
+    /// Computes the profile at an error threshold relative to the probe's radius.
     fn new(scenario: &Scenario, error: f64, interpolate: bool) -> Self {
         let Scenario { probe, scene, poses, tolerance, .. } = scenario;
         let mut query = EngineQuery::new(&probe.object, &scene.object, *tolerance);
@@ -69,7 +71,7 @@ impl Profile {
     }
 }
 
-/// Smoothed by a Gaussian of a standard deviation in samples, which is cut off at three of them and at the ends.
+/// Smooths by a Gaussian with a standard deviation in samples, cut off at three of them and at the ends.
 fn smoothed(values: &[f64], deviation: f64) -> Vec<f64> {
     let reach = (3.0 * deviation).ceil() as usize;
     let weight =
@@ -82,7 +84,7 @@ fn smoothed(values: &[f64], deviation: f64) -> Vec<f64> {
     (0..values.len()).map(at).collect()
 }
 
-/// Second differences.
+/// Returns second differences.
 fn curvature(values: &[f64]) -> Vec<f64> {
     values.windows(3).map(|three| three[0] - 2.0 * three[1] + three[2]).collect()
 }
@@ -91,7 +93,7 @@ fn average(values: &[f64]) -> f64 {
     mean(values.iter().copied())
 }
 
-/// Largest deviation about the means, relative to the mean of the exact profile.
+/// Returns the largest deviation about the means, relative to the mean of the exact profile.
 fn deviation(values: &[f64], exact: &[f64]) -> f64 {
     let (center, exact_center) = (average(values), average(exact));
     let off = values.iter().zip(exact).map(|(x, y)| ((x - center) - (y - exact_center)).abs());

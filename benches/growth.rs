@@ -1,8 +1,8 @@
-//! How the time of building a hierarchy grows with the mesh: built-in models at rising resolution, each built once.
+//! Growth of a hierarchy's build time with the mesh: built-in models at rising resolution, each built once.
 //!
-//! `cargo bench -p palpate-benches --bench growth`, or `-- --most 1000000 golf-ball` for larger meshes or other models.
-//! It prints p of the least squares fit of time as (n log n)^p: where it is at most 1, time grows no faster than n log
-//! n.
+//! `cargo bench -p palpate-benches --bench growth`, or `-- --most 1000000 golf-ball` for larger meshes or
+//! other models. It prints p of the least squares fit of time as (n log n)^p: with p of at most 1, time grows
+//! no faster than n log n.
 
 #![allow(clippy::print_stdout, reason = "it prints a table")]
 
@@ -14,26 +14,28 @@ use palpate::clod_build::{BuildOptions, build, unwatched};
 use palpate::models::Model;
 
 #[derive(Parser)]
-#[command(about = "How the time of building a hierarchy grows with the mesh")]
+#[command(about = "Growth of a hierarchy's build time with the mesh")]
 struct Arguments {
     /// Built-in models
     #[arg(default_values = ["golf-ball", "cup", "file"])]
     models: Vec<String>,
-    /// Most triangles; the models are built with this many, a quarter of them, and so on down to 5,000
+    /// Largest number of triangles; the models are built with this many, a quarter of it, and so on down to
+    /// 5,000
     #[arg(long, default_value_t = 320_000)]
     most: usize,
-    /// What cargo passes to every benchmark
+    /// Argument that cargo passes to every benchmark
     #[arg(long, hide = true)]
     bench: bool,
 }
 
-/// Fewest triangles.
-const FEWEST: usize = 5_000;
+/// Smallest number of triangles.
+const MIN_TRIANGLES: usize = 5_000;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
-    let mut sizes: Vec<usize> =
-        std::iter::successors(Some(arguments.most), |n| Some(n / 4)).take_while(|n| *n >= FEWEST).collect();
+    let mut sizes: Vec<usize> = std::iter::successors(Some(arguments.most), |n| Some(n / 4))
+        .take_while(|n| *n >= MIN_TRIANGLES)
+        .collect();
     sizes.reverse();
     println!("| model | triangles | s | µs / triangle |");
     println!("|---|---|---|---|");
@@ -54,7 +56,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Of the line that is the least squares fit through the points.
+/// Returns the slope of the least squares line through the points.
 fn slope(points: &[(f64, f64)]) -> f64 {
     let count = points.len() as f64;
     let mean = |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / count;

@@ -1,14 +1,14 @@
-//! Time of one haptic step (§5.2) by the number of contacts that push: 0, 1, 5 (the K of §5.5.1) and 16 (the
-//! most a model is made of), without friction and with it, and with 5 while one model goes over to the next; and of one of a
-//! tool of two bodies with a hinge (`articulated`), with as many contacts in all. And of one whole step of a session's haptic
-//! loop (`loop`), from a device's reading to the wrench that is written, with all that guards it.
+//! Time of one haptic step (§5.2) by the number of pushing contacts: 0, 1, 5 (the K of §5.5.1) and 16 (the
+//! most in a model), without friction and with it, and with 5 while one model blends into the next. Also of a
+//! step of a tool of two bodies with a hinge (`articulated`), with as many contacts in all; and of a whole
+//! step of a session's haptic loop (`loop`), from a device's reading to the written wrench, with all checks.
 //!
-//! `cargo bench -p palpate-benches --bench haptic_step`. A line before each measurement says how many
-//! contacts push and how many 6×6 systems a step solves. With the arguments `histogram STEPS`, as in
-//! `cargo bench -p palpate-benches --bench haptic_step -- histogram 10000000`, it gives percentiles of single steps
-//! with 5 contacts and friction, of a body that is dragged to and fro. `valgrind --tool=callgrind` on the same program
-//! with the arguments `count CONTACTS STEPS` (or `count-loop CONTACTS STEPS`) counts instructions, where the clock of a shared machine
-//! says little.
+//! `cargo bench -p palpate-benches --bench haptic_step`. A line before each measurement prints how many
+//! contacts push and how many 6×6 systems a step solves. With the arguments `histogram STEPS`, as in `cargo
+//! bench -p palpate-benches --bench haptic_step -- histogram 10000000`, it prints percentiles of single steps
+//! with 5 contacts and friction, of a body that is dragged to and fro. `valgrind --tool=callgrind` on the
+//! same program with the arguments `count CONTACTS STEPS` (or `count-loop CONTACTS STEPS`) counts
+//! instructions, which are more meaningful than times on a shared machine.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "a program that reports to the console")]
 
@@ -40,8 +40,8 @@ struct Scene {
 }
 
 impl Scene {
-    /// A 50 g body pressed on a floor at `contacts` points by a device 2 cm lower, after 100 steps, which
-    /// bring it into steady pressing; then it is set moving a little, so that no term vanishes.
+    /// Returns a 50 g body pressed on a floor at `contacts` points by a device 2 cm lower. After 100 steps,
+    /// which bring it into steady pressing, it is given a small velocity, so that no term vanishes.
     fn pressed(contacts: usize, friction: Friction) -> Self {
         let body = Body::new(0.05, DMat3::from_diagonal(DVec3::new(2e-5, 3e-5, 4e-5))).expect("a body");
         let grasp = Pose::new(DVec3::new(0.002, -0.003, 0.004), DQuat::from_rotation_x(0.3));
@@ -75,8 +75,8 @@ impl Scene {
         scene
     }
 
-    /// With a model on the way that never becomes all that is felt.
-    fn going_over(mut self) -> Self {
+    /// Adds a model that is blended in but never completely.
+    fn blending(mut self) -> Self {
         self.contacts.arrive(&self.model, &self.state, 0.0, 1e9);
         self.step();
         self
@@ -98,7 +98,8 @@ impl Scene {
     }
 }
 
-/// Two bodies of 25 g, 6 cm long along x, hinged at their ends, closed on something at half of the contacts each.
+/// Two bodies of 25 g, 6 cm long along x, hinged at their ends and closed on an object, at half of the
+/// contacts each.
 struct Tool {
     tool: ArticulatedBody,
     coupling: VirtualCoupling,
@@ -108,7 +109,7 @@ struct Tool {
 }
 
 impl Tool {
-    /// After 100 steps; then it is set moving a little.
+    /// Returns the tool after 100 steps, with a small velocity.
     fn closed(contacts: usize, friction: Friction) -> Self {
         let body = Body::new(0.025, DMat3::from_diagonal(DVec3::new(1e-6, 8e-6, 8e-6))).expect("a body");
         let hinge = Pose::from_translation(DVec3::X * -0.03);
@@ -155,7 +156,7 @@ impl Tool {
     }
 }
 
-/// A session's haptic loop, in the loops of a host: 50 g pressed on a floor of 1 kN/m by a device that moves a little.
+/// Haptic loop of a session in a host: 50 g pressed on a floor of 1 kN/m by a device that moves slightly.
 struct Loop {
     haptic: HapticLoop,
     update: ContactUpdate,
@@ -163,7 +164,7 @@ struct Loop {
 }
 
 impl Loop {
-    /// After the wrench has come up.
+    /// Returns the loop after the wrench has come up.
     fn pressed(contacts: u32) -> Self {
         let ball = model("ellipsoid@500");
         let device = Emulation::default().open(Pose::IDENTITY).expect("an emulated device");
@@ -188,7 +189,7 @@ impl Loop {
         made
     }
 
-    /// Every other step has a new contact model.
+    /// Takes a step; every other one has a new contact model.
     #[inline(never)]
     fn step(&mut self) -> Record {
         self.steps += 1;
@@ -210,7 +211,8 @@ impl Loop {
     }
 }
 
-/// Percentiles of single steps, while the device drags the body to and fro and a model arrives every other step.
+/// Prints percentiles of single steps, while the device drags the body to and fro and a model arrives every
+/// other step.
 fn histogram(steps: u64) {
     let mut scene = Scene::pressed(5, Friction::coulomb(0.3));
     let middle = scene.device.pose.translation.x;
@@ -270,7 +272,7 @@ fn measure() {
         one("frictionless", contacts, Scene::pressed(contacts, Friction::NONE));
         one("friction", contacts, Scene::pressed(contacts, Friction::coulomb(0.3)));
     }
-    one("friction, going over", 5, Scene::pressed(5, Friction::coulomb(0.3)).going_over());
+    one("friction, blending", 5, Scene::pressed(5, Friction::coulomb(0.3)).blending());
     for contacts in [0, 2, 10] {
         let mut tool = Tool::closed(contacts, Friction::coulomb(0.3));
         let step = tool.step();

@@ -1,4 +1,5 @@
-//! Benchmarks, and what the comparisons of contact queries with other methods' (`peers`, `scores`) are made of.
+//! Shared by the benchmarks: methods that contact queries are compared with (`peers`, `scores`), and their
+//! scenarios.
 
 pub mod callgrind;
 pub mod continuity;

@@ -1,9 +1,9 @@
-//! What parry3d (f64) offers for the contacts between two meshes: its contact manifolds, and all pairs of triangles
-//! within the tolerance by a walk of both of its bounding volume hierarchies. Signed distances, of which distance grids
-//! are made, are parry's as well.
+//! Contacts between two meshes by parry3d (f64): its contact manifolds, and all pairs of triangles within the
+//! tolerance by a traversal of both of its bounding volume hierarchies. The signed distances of distance
+//! grids are also parry's.
 //!
-//! Some of parry's tolerances are absolute (a manifold is kept while its points move by less than 1e-3): lengths are
-//! scaled here so that the probe's radius is `RADIUS`.
+//! Some of parry's tolerances are absolute (a manifold is kept while its points move by less than 1e-3):
+//! lengths are scaled here so that the probe's radius is `RADIUS`.
 
 use std::error::Error;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
@@ -25,14 +25,14 @@ use crate::method::Method;
 use crate::point_shell::DistanceGrid;
 use crate::scenarios::{Body, Scenario};
 
-/// The probe's radius in parry.
+/// Radius of the probe in parry's units.
 const RADIUS: f64 = 100.0;
 
-/// A probe and a scene object as parry's meshes.
+/// Probe and scene object as parry's meshes.
 struct ParryPair {
     probe: TriMesh,
     scene: TriMesh,
-    /// Parry's lengths per metre.
+    /// Parry's units per metre.
     scale: f64,
     tolerance: f64,
 }
@@ -49,24 +49,24 @@ impl ParryPair {
         })
     }
 
-    /// Bytes of memory that both meshes hold.
+    /// Returns the bytes of memory that both meshes hold.
     fn bytes(&self) -> usize {
         self.probe.total_memory_size() + self.scene.total_memory_size()
     }
 
-    /// The scene object's pose in the probe's frame.
+    /// Returns the scene object's pose in the probe's frame.
     fn scene_in_probe(&self, pose: &Pose) -> Isometry {
         let rotation = Rotation::from_array(pose.rotation.to_array());
         Isometry::from_parts(vector(pose.translation, self.scale), rotation).inverse()
     }
 
-    /// The area (m²) of the smaller of two triangles.
+    /// Returns the area (m²) of the smaller of two triangles.
     fn area(&self, probe: u32, scene: u32) -> f64 {
         let area = self.probe.triangle(probe).area().min(self.scene.triangle(scene).area());
         area / (self.scale * self.scale)
     }
 
-    /// A contact in the probe's frame, in scene axes.
+    /// Converts a contact in the probe's frame to scene axes.
     fn placed(&self, point: Vector, normal: Vector, distance: f64, pose: &Pose) -> Contact {
         let point = pose.transform_point(DVec3::from_array(point.to_array()) / self.scale);
         let normal = pose.transform_vector(DVec3::from_array(normal.to_array()));
@@ -75,8 +75,8 @@ impl ParryPair {
     }
 }
 
-/// Contact manifolds of oriented meshes, their normals kept to what the neighbouring triangles allow. They are kept from
-/// query to query, as parry has it.
+/// Contact manifolds of oriented meshes, with normals limited to what the neighbouring triangles allow. They
+/// persist from query to query, as in parry.
 pub struct Manifolds {
     pair: ParryPair,
     manifolds: Vec<ContactManifold<(), ()>>,
@@ -84,7 +84,7 @@ pub struct Manifolds {
 }
 
 impl Manifolds {
-    /// Of a scenario's bodies.
+    /// Builds the meshes of a scenario's bodies.
     ///
     /// # Errors
     /// If parry refuses a mesh.
@@ -108,7 +108,7 @@ impl Method for Manifolds {
         assert!(found.is_ok(), "parry has manifolds between meshes");
     }
 
-    /// The manifolds' points within the tolerance, which share the area.
+    /// Appends the manifolds' points within the tolerance, which share the area.
     fn append_contacts(&self, pose: &Pose, found: &mut Vec<AreaContact>) {
         for manifold in &self.manifolds {
             let within = |point: &&TrackedContact<()>| point.dist < self.pair.tolerance;
@@ -121,7 +121,7 @@ impl Method for Manifolds {
         }
     }
 
-    /// Of both meshes; what the manifolds take is not told.
+    /// Includes both meshes; parry does not report the size of the manifolds.
     fn bytes(&self) -> usize {
         self.pair.bytes()
     }
@@ -130,12 +130,12 @@ impl Method for Manifolds {
 /// All pairs of triangles within the tolerance, each with its contact by GJK and EPA.
 pub struct TrianglePairs {
     pair: ParryPair,
-    /// With the triangles that it is between.
+    /// Contacts with their triangles.
     found: Vec<(query::Contact, [u32; 2])>,
 }
 
 impl TrianglePairs {
-    /// Of a scenario's bodies.
+    /// Builds the meshes of a scenario's bodies.
     ///
     /// # Errors
     /// If parry refuses a mesh.
@@ -152,7 +152,7 @@ impl Method for TrianglePairs {
         let rotation = Matrix::from_quat(placement.rotation);
         let back = rotation.transpose();
         let (extent, extent_back) = (rotation.abs(), back.abs());
-        // Boxes are apart by more than the tolerance along an axis of one of them.
+        // Boxes are separated if they are further apart than the tolerance along an axis of one of them.
         let near = |a: &BvhNode, b: &BvhNode| {
             let (size_a, size_b) = (a.maxs() - a.mins(), b.maxs() - b.mins());
             let between = placement * b.center() - a.center();
@@ -179,14 +179,14 @@ impl Method for TrianglePairs {
     }
 }
 
-/// The signed distance of points from a body, by parry's projection and pseudo-normals.
+/// Signed distances of points from a body, by parry's projection and pseudo-normals.
 pub struct SignedDistance {
     mesh: TriMesh,
     scale: f64,
 }
 
 impl SignedDistance {
-    /// From a body.
+    /// Prepares a body.
     ///
     /// # Errors
     /// If parry refuses a mesh.
@@ -195,12 +195,13 @@ impl SignedDistance {
         Ok(Self { mesh: mesh(body, scale, TriMeshFlags::ORIENTED)?, scale })
     }
 
-    /// At a point of the body's frame, m; negative inside.
+    /// Returns the signed distance at a point of the body's frame, m; negative inside.
     pub fn at(&self, point: DVec3) -> f64 {
         self.nearest(point).1
     }
 
-    /// The nearest point of the surface to a point, both in the body's frame, m, and the signed distance, m.
+    /// Returns the point of the surface nearest to a point, both in the body's frame, m, and the signed
+    /// distance, m.
     pub fn nearest(&self, point: DVec3) -> (DVec3, f64) {
         let found = self.mesh.project_local_point(vector(point, self.scale), false);
         let nearest = DVec3::from_array(found.point.to_array()) / self.scale;
@@ -209,7 +210,7 @@ impl SignedDistance {
     }
 }
 
-/// The distance grid of a body, kept in a folder if one is given, and built anew otherwise.
+/// Returns the distance grid of a body: from a folder if it is there, or else built.
 ///
 /// # Errors
 /// If parry refuses the mesh, or the folder cannot be written to.
@@ -220,7 +221,7 @@ pub fn distance_grid(
     folder: Option<&Path>,
 ) -> Result<DistanceGrid, Box<dyn Error>> {
     let distance = SignedDistance::new(body)?;
-    // Three cells' diagonals, of which there are about as many across the bounding sphere.
+    // Three diagonals of a cell, with `samples` cells across the bounding sphere.
     let band = 2.0 * tolerance + 6.0 * body.object.bounding_radius() / samples as f64;
     let build = || DistanceGrid::new(&body.mesh, samples, tolerance, band, |point| distance.at(point));
     let Some(folder) = folder else { return Ok(build()) };

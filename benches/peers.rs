@@ -1,21 +1,23 @@
-//! Contact queries compared with what others use for them: parry's contact manifolds and pairs of triangles, and shells of
+//! Contact queries compared with other methods: parry's contact manifolds and pairs of triangles, and shells of
 //! points and edges in signed distance grids.
 //!
-//! `cargo bench -p palpate-benches --bench peers`, or `-- --scenario jaws golf --poses 1000`; with `--anywhere` at poses that have
-//! nothing to do with one another, anywhere on the scene object. On files of one's own:
-//! `-- --probe A.obj --scene B.obj --trajectory T.csv --tolerance 1% --json OUT.json`. With `--continuity` it prints instead how much
-//! the wrench changes in small [steps](continuity).
+//! `cargo bench -p palpate-benches --bench peers`, or `-- --scenario jaws golf --poses 1000`; with
+//! `--anywhere` at unrelated poses anywhere on the scene object. On other files: `-- --probe A.obj --scene
+//! B.obj --trajectory T.csv --tolerance 1% --json OUT.json`. With `--continuity` it prints the change of the
+//! wrench in small [steps](continuity) instead.
 //!
-//! Every scenario's path is cut into blocks of consecutive poses, at which the methods take turns, so that all of them see the
-//! same machine. Times are of the query alone. At some of the poses each method is compared with a [reference] that is found
-//! without the engine:
+//! Every scenario's path is cut into blocks of consecutive poses, at which the methods take turns, so that
+//! all of them see the same machine load. Times are of the query alone. At some of the poses each method is
+//! compared with a [reference] that is computed without the engine:
 //!
-//! - force: by the same law from the method's contacts and from the reference's. The error is the distance of both, relative to
-//!   the reference's or, where that is less, to its mean: its mean and 95th percentile. The error of the direction is counted
-//!   where the reference's force is at least a tenth of its mean. The correlation is that of both magnitudes.
-//! - depth off: the largest difference of the deepest contact's depth, counted where bodies penetrate by either, in percent of
-//!   the probe's radius.
-//! - missed: regions of intersection deeper than 2 EPS ([`DEEP`]) that have no penetrating contact, of how many.
+//! - force: by the same law from the method's contacts and from the reference's. The error is their distance,
+//!   relative to the larger of the reference's force and its mean: its mean and 95th percentile. The error of
+//!   the direction is counted where the reference's force is at least a tenth of its mean. The correlation is
+//!   that of the magnitudes.
+//! - depth off: the largest difference of the deepest contact's depth, counted where bodies penetrate by
+//!   either, in percent of the probe's radius.
+//! - missed: regions of intersection deeper than 2 EPS ([`MIN_REGION_DEPTH`]) without a penetrating contact,
+//!   and their total number.
 //!
 //! The first run builds hierarchies (kept in the user's cache) and distance grids (kept in the target folder).
 
@@ -43,15 +45,15 @@ use palpate_measure::{correlation, mean, quantile};
 use serde::Serialize;
 
 #[derive(Parser)]
-#[command(about = "Contact queries compared with what others use for them")]
+#[command(about = "Contact queries compared with other methods")]
 struct Arguments {
     /// Scenarios; all of them by default
     #[arg(long, num_args = 1.., value_name = "NAME", conflicts_with = "probe")]
     scenario: Vec<String>,
-    /// A mesh file or built-in model of one's own, with --scene and --trajectory
+    /// A mesh file or built-in model, with --scene and --trajectory
     #[arg(long, requires = "scene")]
     probe: Option<String>,
-    /// What it moves over
+    /// The object that it moves over
     #[arg(long, requires = "trajectory")]
     scene: Option<String>,
     /// The probe's path
@@ -60,7 +62,7 @@ struct Arguments {
     /// d, for --probe: in metres, or in percent of the probe's radius
     #[arg(long, default_value = "1%")]
     tolerance: String,
-    /// A file for the figures of every method: of one's own files an object, of scenarios a list of such
+    /// A JSON file for the figures of every method: with --probe one object, with scenarios a list
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Only methods whose names contain one of these
@@ -69,57 +71,58 @@ struct Arguments {
     /// Poses of each path
     #[arg(long, default_value_t = 240)]
     poses: usize,
-    /// Poses anywhere on the scene object in place of the path
+    /// Use poses anywhere on the scene object in place of the path
     #[arg(long)]
     anywhere: bool,
-    /// In place of times and errors: how much the wrench changes in steps of so much along the path, m; by default 1 µm, or 1e-5 R
-    /// of probes larger than a handful (R > 0.1 m)
+    /// In place of times and errors, print the change of the wrench in steps of this length along the path,
+    /// m; by default 1 µm, or 1e-5 R for probes with R > 0.1 m
     #[arg(long, value_name = "STEP", num_args = 0..=1, conflicts_with = "anywhere")]
     continuity: Option<Option<f64>>,
-    /// Poses that are compared with the reference
+    /// Number of poses that are compared with the reference
     #[arg(long, default_value_t = 40)]
     scored: usize,
-    /// A scenario begins no further block of poses after this long
+    /// Time after which a scenario starts no further block of poses
     #[arg(long, default_value_t = 20.0)]
     seconds: f64,
-    /// 80 poses, and the small distance grid alone
+    /// Use 80 poses, and the small distance grid alone
     #[arg(long)]
     quick: bool,
-    /// What cargo passes to every benchmark
+    /// Argument that cargo passes to every benchmark
     #[arg(long, hide = true)]
     bench: bool,
 }
 
-/// Consecutive poses that a method runs through before it is the next one's turn.
+/// Number of consecutive poses that a method runs through before the next method's turn.
 const BLOCK: usize = 20;
-/// Errors s₀ that are left out, as parts of the probe's radius; 0 is full resolution.
+/// Error thresholds s₀, relative to the probe's radius; 0 is full resolution.
 const ERRORS: [f64; 5] = [0.0, 0.004, 0.01, 0.025, 0.05];
-/// Those that are also measured with queries that start from the roots.
-const COLD: [f64; 2] = [0.0, 0.025];
-/// Names of methods, and what names of those that forget the last query end in.
+/// Thresholds that are also measured with queries that start from the roots.
+const COLD_ERRORS: [f64; 2] = [0.0, 0.025];
+/// Names of methods, and the suffix for those that start each query from the roots.
 const FROM_THE_ROOTS: &str = ", from the roots";
 const MANIFOLDS: &str = "parry, manifolds";
 const PAIRS: &str = "parry, all pairs of triangles";
 const BOTH_WAYS: &str = "vertices in 256³ grid, both ways";
-/// EPS of representative contacts, as parts of the probe's radius, and that which is also measured with queries that start anew.
+/// EPS of representative contacts, relative to the probe's radius, and the EPS that is also measured with
+/// cold queries.
 const EPS: [f64; 3] = [1e-3, 5e-4, 2e-4];
 const COLD_EPS: f64 = 5e-4;
-/// Regions of less depth than this part of the probe's radius may be missed: 2 EPS, for EPS = 0.05 %.
-const DEEP: f64 = 1e-3;
-/// Directions of forces weaker than this part of the mean do not count.
-const WEAK: f64 = 0.1;
+/// Depth, relative to the probe's radius, up to which regions may be missed: 2 EPS, for EPS = 0.05 %.
+const MIN_REGION_DEPTH: f64 = 1e-3;
+/// Force relative to the mean below which directions do not count.
+const MIN_FORCE: f64 = 0.1;
 
-/// A method with what was measured of it.
+/// Method with its measurements.
 struct Row {
     name: String,
     method: Box<dyn Method>,
-    /// s, where it is known.
+    /// Build time, s, if known.
     built: Option<f64>,
     times: Vec<f64>,
     contacts: Vec<f64>,
-    /// By the law, in units of the stiffness, at the scored poses.
+    /// Forces at the scored poses by the area law, in units of the stiffness.
     forces: Vec<DVec3>,
-    /// At the scored poses, m.
+    /// Depths at the scored poses, m.
     depths: Vec<Option<f64>>,
     missed: usize,
 }
@@ -138,7 +141,7 @@ impl Row {
         }
     }
 
-    /// Runs through consecutive poses, the first of them to warm up, and scores those that there is a truth of.
+    /// Runs through consecutive poses, the first of them to warm up, and scores those that have a reference.
     fn run(
         &mut self,
         poses: &[Pose],
@@ -174,7 +177,7 @@ impl Row {
     ) {
         self.forces.push(reference.wrench(found, pose).force);
         self.depths.push(found.iter().map(|found| found.contact.depth).reduce(f64::max));
-        let least = DEEP * scenario.probe.object.bounding_radius();
+        let least = MIN_REGION_DEPTH * scenario.probe.object.bounding_radius();
         let margin = DVec3::splat(scenario.tolerance);
         let penetrating = |found: &&AreaContact| found.contact.depth > 0.0;
         self.missed += truth
@@ -198,7 +201,7 @@ impl Row {
         let errors: Vec<f64> =
             pairs().map(|(found, truth)| found.distance(truth) / truth.length().max(average)).collect();
         let directions: Vec<f64> = pairs()
-            .filter(|(_, truth)| truth.length() > WEAK * average)
+            .filter(|(_, truth)| truth.length() > MIN_FORCE * average)
             .map(
                 |(found, truth)| {
                     if found == DVec3::ZERO { 180.0 } else { found.angle_between(truth).to_degrees() }
@@ -227,7 +230,7 @@ impl Row {
     }
 }
 
-/// What was measured of a method. Errors of the force and of depths are parts: of the force, and of the probe's radius.
+/// Figures of a method. Errors of the force are relative to it, errors of depths to the probe's radius.
 #[derive(Serialize)]
 struct Figures {
     name: String,
@@ -244,7 +247,7 @@ struct Figures {
     regions_missed: usize,
 }
 
-/// What was measured of a scenario.
+/// Figures of a scenario.
 #[derive(Serialize)]
 struct Comparison {
     scenario: String,
@@ -252,11 +255,11 @@ struct Comparison {
     scene_triangles: usize,
     poses: usize,
     poses_scored: usize,
-    /// Of the probe's bounding sphere, m.
+    /// Radius of the probe's bounding sphere, m.
     radius: f64,
-    /// d, m.
+    /// Tolerance d, m.
     tolerance: f64,
-    /// Regions deeper than 2 EPS that there are to be found.
+    /// Number of regions deeper than 2 EPS.
     regions: usize,
     methods: Vec<Figures>,
 }
@@ -300,7 +303,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The scenario of one's own files, if there are any.
+/// Opens the scenario of `--probe`, if given.
 fn own(arguments: &Arguments) -> Result<Option<Scenario>, Box<dyn Error>> {
     let (Some(probe), Some(scene), Some(trajectory)) =
         (&arguments.probe, &arguments.scene, &arguments.trajectory)
@@ -310,40 +313,41 @@ fn own(arguments: &Arguments) -> Result<Option<Scenario>, Box<dyn Error>> {
     scenarios::own(probe, scene, trajectory, &arguments.tolerance).map(Some)
 }
 
-/// The methods whose names are asked for, each with the time that it took to build what it needs.
+/// Returns the methods whose names are requested, each with its build time.
 fn rows(scenario: &Scenario, arguments: &Arguments) -> Result<Vec<Row>, Box<dyn Error>> {
-    let is_asked_for = |name: &str| {
+    let is_requested = |name: &str| {
         arguments.method.is_empty() || arguments.method.iter().any(|part| name.contains(part.as_str()))
     };
-    let mut rows = engine_rows(scenario, arguments, &is_asked_for)?;
-    rows.extend(representative_rows(scenario, &is_asked_for));
-    if is_asked_for(MANIFOLDS) {
+    let mut rows = engine_rows(scenario, arguments, &is_requested)?;
+    rows.extend(representative_rows(scenario, &is_requested));
+    if is_requested(MANIFOLDS) {
         let (manifolds, seconds) = timed(|| Manifolds::new(scenario));
         rows.push(Row::new(MANIFOLDS, manifolds?, Some(seconds)));
     }
-    if is_asked_for(PAIRS) {
+    if is_requested(PAIRS) {
         let (pairs, seconds) = timed(|| TrianglePairs::new(scenario));
         rows.push(Row::new(PAIRS, pairs?, Some(seconds)));
     }
-    rows.extend(shell_rows(scenario, arguments, &is_asked_for)?);
+    rows.extend(shell_rows(scenario, arguments, &is_requested)?);
     Ok(rows)
 }
 
-/// The engine's contact queries with levels of detail.
+/// Returns the engine's contact queries with levels of detail.
 fn engine_rows(
     scenario: &Scenario,
     arguments: &Arguments,
-    is_asked_for: &dyn Fn(&str) -> bool,
+    is_requested: &dyn Fn(&str) -> bool,
 ) -> Result<Vec<Row>, Box<dyn Error>> {
     let Scenario { probe, scene, tolerance, .. } = scenario;
     let radius = probe.object.bounding_radius();
     let modes = ERRORS.iter().flat_map(|error| {
         let mode = if *error == 0.0 { "exact".to_owned() } else { format!("s₀ = {} %", 100.0 * error) };
-        let cold = COLD.contains(error).then(|| (format!("palpate, {mode}{FROM_THE_ROOTS}"), *error, true));
+        let cold =
+            COLD_ERRORS.contains(error).then(|| (format!("palpate, {mode}{FROM_THE_ROOTS}"), *error, true));
         std::iter::once((format!("palpate, {mode}"), *error, false)).chain(cold)
     });
-    let modes: Vec<(String, f64, bool)> = modes.filter(|(name, ..)| is_asked_for(name)).collect();
-    // Hierarchies come from the cache, and are built once more where their time is asked for.
+    let modes: Vec<(String, f64, bool)> = modes.filter(|(name, ..)| is_requested(name)).collect();
+    // Hierarchies come from the cache, and are built again if their build time is needed.
     let built = if arguments.json.is_some() && !modes.is_empty() {
         let hierarchies = |mesh: &TriMesh| build(mesh, &BuildOptions::default(), &mut unwatched);
         let (built, seconds) = timed(|| [&probe.mesh, &scene.mesh].map(hierarchies));
@@ -361,15 +365,15 @@ fn engine_rows(
     Ok(rows.collect())
 }
 
-/// Representative contacts.
-fn representative_rows(scenario: &Scenario, is_asked_for: &dyn Fn(&str) -> bool) -> Vec<Row> {
+/// Returns representative contacts.
+fn representative_rows(scenario: &Scenario, is_requested: &dyn Fn(&str) -> bool) -> Vec<Row> {
     let Scenario { probe, scene, tolerance, .. } = scenario;
     let modes = EPS.iter().flat_map(|eps| {
         let name = format!("palpate, representative, EPS {} %", 100.0 * eps);
         let cold = (*eps == COLD_EPS).then(|| (format!("{name}{FROM_THE_ROOTS}"), *eps, true));
         std::iter::once((name, *eps, false)).chain(cold)
     });
-    let named: Vec<(String, f64, bool)> = modes.filter(|(name, ..)| is_asked_for(name)).collect();
+    let named: Vec<(String, f64, bool)> = modes.filter(|(name, ..)| is_requested(name)).collect();
     if named.is_empty() {
         return Vec::new();
     }
@@ -385,11 +389,11 @@ fn representative_rows(scenario: &Scenario, is_asked_for: &dyn Fn(&str) -> bool)
     named.into_iter().map(row).collect()
 }
 
-/// Shells of points in distance grids.
+/// Returns shells of points in distance grids.
 fn shell_rows(
     scenario: &Scenario,
     arguments: &Arguments,
-    is_asked_for: &dyn Fn(&str) -> bool,
+    is_requested: &dyn Fn(&str) -> bool,
 ) -> Result<Vec<Row>, Box<dyn Error>> {
     let Scenario { probe, scene, tolerance, .. } = scenario;
     let shell = |body: &scenarios::Body, features| timed(|| Arc::new(PointShell::new(&body.mesh, features)));
@@ -405,14 +409,14 @@ fn shell_rows(
         let samples = if features == Features::Vertices { [128, 256] } else { [256, 512] };
         for samples in samples {
             let name = format!("{word} in {samples}³ grid");
-            if !is_asked_for(&name) || arguments.quick && samples > 128 {
+            if !is_requested(&name) || arguments.quick && samples > 128 {
                 continue;
             }
             let ((shell, own), (grid, seconds)) = (shell(probe, features), grid(scene, samples)?);
             rows.push(Row::new(name, ShellInGrid::new(shell, grid, *tolerance), Some(own + seconds)));
         }
     }
-    if is_asked_for(BOTH_WAYS) && !arguments.quick {
+    if is_requested(BOTH_WAYS) && !arguments.quick {
         let [forth, back] = [(probe, scene), (scene, probe)].map(|(points, field)| {
             let ((shell, own), (grid, seconds)) = (shell(points, Features::Vertices), grid(field, 256)?);
             Ok::<_, Box<dyn Error>>((shell, grid, own + seconds))
@@ -424,7 +428,7 @@ fn shell_rows(
     Ok(rows)
 }
 
-/// What was made, and the seconds that it took.
+/// Returns a value with the seconds that it took to make.
 fn timed<T>(make: impl FnOnce() -> T) -> (T, f64) {
     let begun = Instant::now();
     let made = make();
@@ -463,7 +467,10 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<Comparison, Box
         truths.extend(own.into_iter().flatten());
     }
     let truths: Vec<&Truth> = truths.iter().collect();
-    let deep = truths.iter().flat_map(|truth| &truth.regions).filter(|region| region.depth > DEEP * radius);
+    let deep = truths
+        .iter()
+        .flat_map(|truth| &truth.regions)
+        .filter(|region| region.depth > MIN_REGION_DEPTH * radius);
     let comparison = Comparison {
         scenario: name.clone(),
         probe_triangles: probe.mesh.triangles().len(),
@@ -520,7 +527,7 @@ fn print(comparison: &Comparison, truths: &[&Truth], radius: f64, [probe, scene]
     println!();
 }
 
-/// How much the wrench changes by each method in small steps along a scenario's path.
+/// Prints the change of the wrench by each method in small steps along a scenario's path.
 fn print_changes(
     scenario: &Scenario,
     arguments: &Arguments,
@@ -537,7 +544,7 @@ fn print_changes(
         "| method | steps in contact | force, median | p99 | largest | in tenths of that step | torque, largest |"
     );
     println!("|---|---|---|---|---|---|---|");
-    // Poses follow closely, as in a session, where each query goes on from the last.
+    // Poses are closely spaced, as in a session, where each query continues from the last.
     let mut rows = rows(scenario, arguments)?;
     rows.retain(|row| !row.name.ends_with(FROM_THE_ROOTS));
     for row in &mut rows {
@@ -559,8 +566,9 @@ fn print_changes(
     Ok(())
 }
 
-/// Where blocks of a path begin, one pose before the first that counts: at the middles of equal parts, and in such an
-/// order that the first few are spread over the path. If all blocks are to be run they are in the order of the path, so that nothing leaps.
+/// Returns the starts of a path's blocks, one pose before the first that counts: at the middles of equal
+/// parts, in an order in which the first few are spread over the path. If all blocks are run, they are in the
+/// order of the path, without jumps.
 fn blocks(path: usize, poses: usize) -> impl Iterator<Item = usize> {
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let all = path.saturating_sub(1) / BLOCK;

@@ -1,4 +1,4 @@
-//! The force that contacts make: a penalty k(δ + d) at each cluster of them (§3.5.3, §5.5.1).
+//! Contact force by a penalty k (δ + d) at each cluster of contacts (§3.5.3, §5.5.1).
 
 use palpate::collide::{Clustering, PatchContact};
 use palpate::glam::DVec3;
@@ -7,7 +7,7 @@ use palpate::{Pose, Wrench};
 /// Number of contact clusters (§5.5.1).
 const CLUSTERS: usize = 5;
 
-/// Clusters contacts, following them from pose to pose.
+/// Clusters of contacts that are followed from pose to pose.
 #[derive(Clone, Debug)]
 pub struct Penalty {
     clustering: Clustering,
@@ -20,7 +20,8 @@ impl Default for Penalty {
 }
 
 impl Penalty {
-    /// The wrench on the probe for stiffness 1, about the place that a point of the probe (m, its own frame) is at.
+    /// Returns the wrench on the probe for stiffness 1, about the position of a point of the probe (m, its
+    /// own frame).
     pub fn wrench(&mut self, contacts: &[PatchContact], tolerance: f64, pose: &Pose, about: DVec3) -> Wrench {
         let about = pose.transform_point(about);
         let mut sum = Wrench::ZERO;

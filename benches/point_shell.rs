@@ -1,12 +1,13 @@
-//! The contact query that haptic rendering mostly uses elsewhere: the probe is a shell of points, the scene object a
-//! signed distance grid (voxmap and point shell: W. A. McNeely, K. D. Puterbaugh and J. J. Troy, *Six
-//! degree-of-freedom haptic rendering using voxel sampling*, SIGGRAPH 1999; with distances and a sphere tree over the
-//! points: J. Barbič and D. L. James, *Six-DoF haptic rendering of contact between geometrically complex reduced
-//! deformable models*, IEEE Transactions on Haptics, 2008).
+//! Common contact query of haptic rendering: the probe is a shell of points, the scene object a signed
+//! distance grid (voxmap and point shell: W. A. McNeely, K. D. Puterbaugh and J. J. Troy, *Six
+//! degree-of-freedom haptic rendering using voxel sampling*, SIGGRAPH 1999; with distances and a sphere tree
+//! over the points: J. Barbič and D. L. James, *Six-DoF haptic rendering of contact between geometrically
+//! complex reduced deformable models*, IEEE Transactions on Haptics, 2008).
 //!
-//! Here the points are the probe's vertices, and, if asked for, the nearest points of its edges, as in Newton (NVIDIA, 2026). A
-//! query reports all of them that are closer than d, with the depth and its gradient as normal, both interpolated
-//! trilinearly. A sphere of points is passed over where the distance at its centre exceeds its radius by d.
+//! Here the points are the probe's vertices and, optionally, the nearest points of its edges, as in Newton
+//! (NVIDIA, 2026). A query reports all of them that are closer than d, with the depth and its gradient as
+//! normal, both interpolated trilinearly. A sphere of points is skipped if the distance at its centre exceeds
+//! its radius by d.
 
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Write};
@@ -20,35 +21,35 @@ use palpate_field::AreaContact;
 
 use crate::method::Method;
 
-/// Samples along an edge of a block, all of which are measured or none.
+/// Samples along an edge of a block; the samples of a block are measured together or not at all.
 const BLOCK: usize = 4;
 
-/// Points of a leaf of the sphere tree.
-const LEAF: usize = 8;
+/// Largest number of points in a leaf of the sphere tree.
+const MAX_LEAF_POINTS: usize = 8;
 
 /// Signed distances (negative inside) from a surface at the points of a grid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DistanceGrid {
-    /// Samples along each axis.
+    /// Number of samples along each axis.
     samples: usize,
     /// Position of the first sample, m.
     origin: DVec3,
     /// Distance of neighbouring samples along each axis, m.
     spacing: DVec3,
-    /// How far the surface is from the grid's boundary at least, m.
+    /// Smallest distance of the surface from the grid's boundary, m.
     margin: f64,
-    /// x varies fastest, m.
+    /// Distances, m; x varies fastest.
     values: Vec<f32>,
-    /// How long it took to build, s.
+    /// Build time, s.
     seconds: f64,
 }
 
 impl DistanceGrid {
-    /// A grid of n³ samples over the bounding box of a mesh, grown by a margin (m), from a function for the signed
-    /// distance (m). Where the distance exceeds `band`, the sample is a lower bound on it.
+    /// Builds a grid of n³ samples over the bounding box of a mesh, grown by a margin (m), from a function
+    /// for the signed distance (m). Where the distance exceeds `band`, the sample is a lower bound on it.
     ///
     /// # Panics
-    /// If n is no multiple of 4.
+    /// If n is not a multiple of 4.
     pub fn new(
         mesh: &TriMesh,
         samples: usize,
@@ -63,7 +64,7 @@ impl DistanceGrid {
         let spacing = (high - low) / (samples - 1) as f64;
         let mut grid =
             Self { samples, origin: low, spacing, margin, values: vec![0.0; samples.pow(3)], seconds: 0.0 };
-        // The corners of all blocks, those of the last ones beyond the grid.
+        // Corners of all blocks; those of the last blocks are beyond the grid.
         let corners = samples / BLOCK + 1;
         let mut coarse = vec![0.0f64; corners * corners * corners];
         in_parallel(coarse.chunks_mut(corners * corners).enumerate(), |(z, layer)| {
@@ -89,7 +90,7 @@ impl DistanceGrid {
         grid
     }
 
-    /// The grid in a file, if there is one; otherwise the one that is built, kept in that file.
+    /// Reads the grid from a file if there is one, or else builds it and writes the file.
     ///
     /// # Errors
     /// If the file can be neither read nor written.
@@ -129,25 +130,28 @@ impl DistanceGrid {
         let (values, _) = bytes.as_chunks();
         let values: Vec<f32> = values.iter().map(|value| f32::from_le_bytes(*value)).collect();
         if samples.checked_pow(3) != Some(values.len()) {
-            return Err(io::Error::new(io::ErrorKind::InvalidData, "the file is no whole distance grid"));
+            return Err(io::Error::new(
+                io::ErrorKind::InvalidData,
+                "the file is not a complete distance grid",
+            ));
         }
         let [a, b, c, d, e, f, margin, seconds] = numbers;
         let (origin, spacing) = (DVec3::new(a, b, c), DVec3::new(d, e, f));
         Ok(Self { samples, origin, spacing, margin, values, seconds })
     }
 
-    /// How long it took to build, s.
+    /// Returns the build time, s.
     pub fn build_seconds(&self) -> f64 {
         self.seconds
     }
 
-    /// Bytes of memory held.
+    /// Returns the bytes of memory held.
     pub fn bytes(&self) -> usize {
         size_of::<Self>() + self.values.capacity() * size_of::<f32>()
     }
 
-    /// The samples at the corners of a cell, x varying fastest, and where in it a point is (0 to 1). The point, in
-    /// units of the spacing, must be in the grid.
+    /// Returns the samples at the corners of a cell, x varying fastest, and the position of a point in it (0
+    /// to 1). The point, in units of the spacing, must be in the grid.
     #[inline]
     fn cell(&self, at: Vec3A) -> ([f32; 8], Vec3) {
         let cell = at.floor().min(Vec3A::splat((self.samples - 2) as f32));
@@ -187,7 +191,7 @@ fn fill(
         let cell = [block[0] * BLOCK + x, block[1] * BLOCK + y, block[2] * BLOCK + z];
         let point = place(cell);
         let value = if far {
-            // A distance changes by no more than the way.
+            // The distance changes by no more than the displacement.
             let bound = known.iter().map(|(corner, value)| value.abs() - corner.distance(point));
             bound.fold(0.0, f64::max).copysign(known[0].1)
         } else {
@@ -197,7 +201,7 @@ fn fill(
     }
 }
 
-/// Hands items to as many threads as there are cores.
+/// Distributes items to as many threads as there are cores.
 fn in_parallel<T: Send>(items: impl Iterator<Item = T> + Send, work: impl Fn(T) + Sync) {
     let items = Mutex::new(items);
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
@@ -213,42 +217,43 @@ fn in_parallel<T: Send>(items: impl Iterator<Item = T> + Send, work: impl Fn(T) 
     });
 }
 
-/// Halvings of an edge in search of its nearest point.
+/// Number of bisections of an edge in search of its nearest point.
 const HALVINGS: usize = 4;
 
-/// What of a mesh is asked for its distance.
+/// Features of a mesh whose distances are queried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Features {
-    /// The vertices.
+    /// Vertices alone.
     Vertices,
-    /// The vertices, and the nearest point of each edge.
+    /// Vertices, and the nearest point of each edge.
     VerticesAndEdges,
 }
 
-/// A point of the probe closer than d to the scene object, in scene axes.
+/// Point of the probe closer than d to the scene object, in scene axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShellContact {
-    /// Index of the probe's vertex, or the number of vertices and the index of the edge.
+    /// Index of the probe's vertex, or the number of vertices plus the index of the edge.
     pub feature: u32,
-    /// The point, m.
+    /// Position, m.
     pub point: Vec3,
     /// Unit normal that points out of the probe: against the gradient of the distance.
     pub normal: Vec3,
-    /// Penetration depth, m: minus the distance.
+    /// Penetration depth, m: the negative distance.
     pub depth: f32,
 }
 
-/// The vertices of a probe, and perhaps its edges, in a tree of spheres.
+/// Vertices of a probe, and optionally its edges, in a tree of spheres.
 #[derive(Clone, Debug)]
 pub struct PointShell {
-    /// Depth first.
+    /// Nodes, depth first.
     nodes: Vec<Sphere>,
-    /// In the order of the leaves.
+    /// Points in the order of the leaves.
     points: Vec<Vec3A>,
-    /// From an edge's middle to its end, in the order of the leaves; 0 of a vertex. None without edges.
+    /// Vectors from the edges' midpoints to their ends, in the order of the leaves; 0 for vertices. `None`
+    /// without edges.
     halves: Option<Vec<Vec3A>>,
     features: Vec<u32>,
-    /// Of each feature of the mesh: its share of the triangles around it, m².
+    /// Share of each feature of the mesh in the areas of the triangles around it, m².
     areas: Vec<f64>,
 }
 
@@ -256,15 +261,15 @@ pub struct PointShell {
 struct Sphere {
     center: Vec3,
     radius: f32,
-    /// The next node that is not below this one.
+    /// Next node that is not below this one.
     skip: u32,
-    /// The points of a leaf; empty for inner nodes.
+    /// Range of the points of a leaf; empty for inner nodes.
     first: u32,
     end: u32,
 }
 
 impl PointShell {
-    /// A shell of what a mesh's triangles use.
+    /// Builds a shell of the features that a mesh's triangles use.
     pub fn new(mesh: &TriMesh, kind: Features) -> Self {
         let vertices = mesh.vertices().len();
         let adjacency = mesh.adjacency();
@@ -274,7 +279,7 @@ impl PointShell {
         let halves = edges.iter().map(|edge| (ends(edge)[1] - ends(edge)[0]) / 2.0);
         let places: Vec<DVec3> = mesh.vertices().iter().copied().chain(middles).collect();
         let halves: Vec<DVec3> = std::iter::repeat_n(DVec3::ZERO, vertices).chain(halves).collect();
-        // Of each triangle a third goes to each vertex, or a sixth to each vertex and edge.
+        // Each triangle's area is split among its vertices, or among its vertices and edges.
         let share = if edges.is_empty() { 3.0 } else { 6.0 };
         let mut areas = vec![0.0; places.len()];
         for (index, triangle) in mesh.triangles().iter().enumerate() {
@@ -301,7 +306,7 @@ impl PointShell {
         }
     }
 
-    /// Bytes of memory held.
+    /// Returns the bytes of memory held.
     pub fn bytes(&self) -> usize {
         size_of::<Self>()
             + self.nodes.capacity() * size_of::<Sphere>()
@@ -310,8 +315,8 @@ impl PointShell {
             + self.features.capacity() * size_of::<u32>()
     }
 
-    /// Finds the points closer than a tolerance (m) to the scene object, which stands at the origin. Does not allocate
-    /// unless there are more contacts than ever before.
+    /// Finds the points closer than a tolerance (m) to the scene object, which stands at the origin. Does not
+    /// allocate unless there are more contacts than ever before.
     pub fn query(&self, pose: &Pose, scene: &DistanceGrid, tolerance: f64, contacts: &mut Vec<ShellContact>) {
         contacts.clear();
         let to_grid = DAffine3::from_mat3_translation(DMat3::from_diagonal(1.0 / scene.spacing), DVec3::ZERO)
@@ -324,6 +329,7 @@ impl PointShell {
         let inverse_spacing = Vec3::ONE / Vec3::from(spacing);
         let mut index = 0;
         while let Some(node) = self.nodes.get(index) {
+            // Outside the grid, the distance to its box plus the margin is a lower bound.
             let at = to_grid.transform_point3a(node.center.into());
             let nearest = at.clamp(Vec3A::ZERO, last);
             let distance = if nearest == at {
@@ -332,6 +338,7 @@ impl PointShell {
             } else {
                 ((at - nearest) * spacing).length() + margin
             };
+            // No point of the sphere is within d if the distance at its centre exceeds its radius by d.
             if distance > node.radius + tolerance {
                 index = node.skip as usize;
                 continue;
@@ -353,6 +360,7 @@ impl PointShell {
                 let (corners, within) = scene.cell(at);
                 let distance = interpolated(&corners, within);
                 if distance < tolerance {
+                    // From the cell's unit to metres: ∂/∂x = (1/spacing) ∂/∂u.
                     let gradient = gradient(&corners, within) * inverse_spacing;
                     contacts.push(ShellContact {
                         feature: self.features[point],
@@ -367,8 +375,9 @@ impl PointShell {
     }
 }
 
-/// The nearest point of an edge, given its middle and half of it, in units of the grid: by bisection, for the distance from a
-/// convex piece of surface has one minimum along a line. `None` if it is out of reach.
+/// Returns the nearest point of an edge, given by its midpoint and half of it, in units of the grid; `None`
+/// if it is out of reach. By bisection: the distance from a convex piece of surface has one minimum along a
+/// line.
 #[inline]
 fn nearest_of_edge(grid: &DistanceGrid, middle: Vec3A, half: Vec3A, tolerance: f32) -> Option<Vec3A> {
     let last = Vec3A::splat((grid.samples - 1) as f32);
@@ -386,8 +395,8 @@ fn nearest_of_edge(grid: &DistanceGrid, middle: Vec3A, half: Vec3A, tolerance: f
     Some(at)
 }
 
-/// A probe's shell of points, asked for contacts with a scene object's distance grid; and the other way round, if there are the
-/// scene object's shell and the probe's grid.
+/// Query of a probe's shell in a scene object's distance grid, and optionally of the scene object's shell in
+/// the probe's grid.
 #[derive(Clone, Debug)]
 pub struct ShellInGrid {
     forth: (Arc<PointShell>, Arc<DistanceGrid>),
@@ -397,12 +406,12 @@ pub struct ShellInGrid {
 }
 
 impl ShellInGrid {
-    /// A query for contacts within a tolerance, m, of the probe's shell in the scene object's grid.
+    /// Returns a query for contacts within a tolerance, m, of the probe's shell in the scene object's grid.
     pub fn new(shell: Arc<PointShell>, grid: Arc<DistanceGrid>, tolerance: f64) -> Self {
         Self { forth: (shell, grid), back: None, tolerance, found: [Vec::new(), Vec::new()] }
     }
 
-    /// The same, and of the scene object's shell in the probe's grid.
+    /// Adds the scene object's shell in the probe's grid.
     pub fn both_ways(self, shell: Arc<PointShell>, grid: Arc<DistanceGrid>) -> Self {
         Self { back: Some((shell, grid)), ..self }
     }
@@ -445,7 +454,7 @@ impl Method for ShellInGrid {
     }
 }
 
-/// Trilinear, from the values at the corners of a cell.
+/// Interpolates trilinearly between the values at the corners of a cell.
 #[inline]
 fn interpolated(&[a, b, c, d, e, f, g, h]: &[f32; 8], at: Vec3) -> f32 {
     let mix = |p: f32, q: f32, t: f32| p + (q - p) * t;
@@ -454,7 +463,7 @@ fn interpolated(&[a, b, c, d, e, f, g, h]: &[f32; 8], at: Vec3) -> f32 {
     mix(low, high, at.z)
 }
 
-/// Of the interpolated value, per unit of the cell.
+/// Returns the gradient of the interpolated value, per unit of the cell.
 #[inline]
 fn gradient(&[a, b, c, d, e, f, g, h]: &[f32; 8], at: Vec3) -> Vec3 {
     let mix = |p: f32, q: f32, t: f32| p + (q - p) * t;
@@ -474,7 +483,7 @@ fn split(points: &[DVec3], halves: &[DVec3], own: &mut [u32], first: usize, node
     let index = nodes.len();
     let (center, radius) = (center.as_vec3(), (radius * (1.0 + 1e-6)) as f32);
     nodes.push(Sphere { center, radius, skip: 0, first: first as u32, end: first as u32 });
-    if own.len() <= LEAF {
+    if own.len() <= MAX_LEAF_POINTS {
         nodes[index].end += own.len() as u32;
     } else {
         let axis = (high - low).max_position();
@@ -502,7 +511,7 @@ mod tests {
         p.distance(CENTER) - RADIUS
     }
 
-    /// A sphere's grid; of the mesh only the box is used, which is the sphere's.
+    /// Returns a sphere's grid; the mesh only gives the box, which is the sphere's.
     fn sphere_grid(samples: usize) -> DistanceGrid {
         let corners = [DVec3::splat(-RADIUS), DVec3::splat(RADIUS), DVec3::new(RADIUS, 0.0, 0.0)];
         let mesh = TriMesh::new(corners.map(|c| CENTER + c).to_vec(), vec![[0, 1, 2]]).expect("a mesh");
@@ -534,7 +543,7 @@ mod tests {
         let mesh = Model::Torus.generate(20_000).expect("within range");
         let shell = PointShell::new(&mesh, Features::Vertices);
         let radius = mesh.bounding_sphere().radius;
-        // The error of linear interpolation: κ h² / 8 along each axis.
+        // Error of linear interpolation: κ h² / 8 along each axis.
         let error = 3.0 * grid.spacing.max_element().powi(2) / 8.0 / (RADIUS - 2.0 * MARGIN) + 1e-7;
         let (mut contacts, mut found) = (Vec::new(), 0);
         for step in 0..60 {

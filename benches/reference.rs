@@ -1,5 +1,6 @@
-//! What contacts there are, found slowly and without the engine: points all over both surfaces, sampled ever more densely, with
-//! their signed distances from the other mesh by parry. The wrench is that of the [`AreaLaw`], which has a limit there.
+//! Reference contacts, computed slowly and without the engine: points all over both surfaces, sampled ever
+//! more densely, with their signed distances from the other mesh by parry. The wrench is that of the
+//! [`AreaLaw`], which converges with the density.
 
 use std::error::Error;
 
@@ -12,15 +13,16 @@ use rayon::prelude::*;
 use crate::parry::SignedDistance;
 use crate::scenarios::Scenario;
 
-/// The lattice constant of the law, as a part of the probe's radius.
+/// Lattice constant of the law, relative to the probe's radius.
 pub const LAW_REACH: f64 = 0.25;
-/// Samples are at first no further apart than this, likewise.
+/// Largest distance of the first samples, relative to the probe's radius.
 const FIRST_SPACING: f64 = 0.02;
-/// They are halved until the force changes by less than this part, or there are too many of them.
-const CONVERGED: f64 = 0.01;
-const MOST_SAMPLES: usize = 4_000_000;
+/// Relative change of the force below which sampling stops, and largest number of samples. The spacing is
+/// halved until then.
+const MAX_CHANGE: f64 = 0.01;
+const MAX_SAMPLES: usize = 4_000_000;
 
-/// Both bodies of a scenario, ready to be sampled.
+/// Both bodies of a scenario, prepared for sampling.
 pub struct Reference {
     sides: [Side; 2],
     law: AreaLaw,
@@ -30,43 +32,43 @@ pub struct Reference {
 
 struct Side {
     mesh: TriMesh,
-    /// Around each triangle.
+    /// Bounding sphere of each triangle.
     spheres: Vec<Sphere>,
-    /// The triangle across each edge.
+    /// Neighbouring triangle across each edge.
     neighbours: Vec<[Option<u32>; 3]>,
     distance: SignedDistance,
 }
 
-/// What there is at a pose.
+/// Reference contacts at a pose.
 #[derive(Clone, Debug)]
 pub struct Truth {
-    /// For a stiffness of 1 N/m, about the probe's origin.
+    /// Wrench for a stiffness of 1 N/m, about the probe's origin.
     pub wrench: Wrench,
-    /// The largest depth of any sample, m, if one is within the tolerance.
+    /// Largest depth of any sample, m, if one is within the tolerance.
     pub deepest: Option<f64>,
-    /// Connected parts of either surface that are inside the other body, each seen from its side.
+    /// Connected parts of either surface that are inside the other body.
     pub regions: Vec<Region>,
-    /// By how much the force changed as the spacing was halved for the last time, as a part of it.
+    /// Relative change of the force when the spacing was halved for the last time.
     pub change: f64,
-    /// Samples within the tolerance.
+    /// Number of samples within the tolerance.
     pub samples: usize,
 }
 
-/// A connected part of a surface that is inside the other body.
+/// Connected part of a surface that is inside the other body.
 #[derive(Clone, Copy, Debug)]
 pub struct Region {
-    /// The largest depth in it, m.
+    /// Largest depth in it, m.
     pub depth: f64,
-    /// Where that is, in scene axes, m.
+    /// Place of the largest depth, in scene axes, m.
     pub place: DVec3,
-    /// Its bounding box, in scene axes, m.
+    /// Lower corner of its bounding box, in scene axes, m.
     pub low: DVec3,
-    /// The box's other corner.
+    /// Upper corner of its bounding box, in scene axes, m.
     pub high: DVec3,
 }
 
 impl Reference {
-    /// Of a scenario's bodies.
+    /// Prepares a scenario's bodies.
     ///
     /// # Errors
     /// If parry refuses a mesh.
@@ -92,14 +94,14 @@ impl Reference {
         })
     }
 
-    /// At a pose of the probe; the scene object stands at the origin.
+    /// Returns the reference at a pose of the probe; the scene object stands at the origin.
     pub fn at(&mut self, pose: &Pose) -> Truth {
         let near: [Vec<u32>; 2] = std::array::from_fn(|side| self.near(side, pose));
         let mut spacing = FIRST_SPACING * self.radius;
         let mut contacts = self.sampled(&near, pose, spacing);
         let mut wrench = self.law.wrench(&contacts, self.tolerance, pose, pose.translation);
         let mut change = if contacts.is_empty() { 0.0 } else { f64::INFINITY };
-        while change > CONVERGED && 4 * contacts.len() < MOST_SAMPLES {
+        while change > MAX_CHANGE && 4 * contacts.len() < MAX_SAMPLES {
             spacing /= 2.0;
             contacts = self.sampled(&near, pose, spacing);
             let finer = self.law.wrench(&contacts, self.tolerance, pose, pose.translation);
@@ -115,12 +117,12 @@ impl Reference {
         }
     }
 
-    /// The wrench by the same law of contacts found otherwise.
+    /// Returns the wrench of contacts from another method by the same law.
     pub fn wrench(&mut self, contacts: &[AreaContact], pose: &Pose) -> Wrench {
         self.law.wrench(contacts, self.tolerance, pose, pose.translation)
     }
 
-    /// Triangles of one body that may be within the tolerance of the other.
+    /// Returns triangles of one body that may be within the tolerance of the other.
     fn near(&self, side: usize, pose: &Pose) -> Vec<u32> {
         let [own, other] = [&self.sides[side], &self.sides[1 - side]];
         let spheres = own.spheres.par_iter().enumerate();
@@ -131,7 +133,7 @@ impl Reference {
         near.map(|(triangle, _)| triangle as u32).collect()
     }
 
-    /// The samples within the tolerance.
+    /// Returns the samples within the tolerance.
     fn sampled(&self, near: &[Vec<u32>; 2], pose: &Pose, spacing: f64) -> Vec<AreaContact> {
         let mut contacts = Vec::new();
         for (side, near) in near.iter().enumerate() {
@@ -152,11 +154,13 @@ impl Reference {
         (b - a).cross(c - a).normalize_or_zero()
     }
 
-    /// The contact of a point of one body, in that body's frame, with the other; `normal` is that of its face.
+    /// Returns the contact of a point of one body, in that body's frame, with the other; `normal` is that of
+    /// its face.
     fn contact(&self, side: usize, pose: &Pose, point: DVec3, normal: DVec3) -> Contact {
         let at = to_other(side, pose, point);
         let (nearest, distance) = self.sides[1 - side].distance.nearest(at);
-        // To the other body's surface from outside, and against that from inside: out of the body that the point is on.
+        // From outside to the other body's surface, from inside the reverse: out of the body that the point
+        // is on.
         let towards = (nearest - at) * distance.signum();
         let outwards = to_other_vector(side, pose, normal);
         let unit = if distance.abs() > 1e-9 * self.radius { towards.normalize() } else { outwards };
@@ -172,11 +176,12 @@ impl Reference {
         }
     }
 
-    /// Connected parts of either surface with samples inside the other body.
+    /// Returns connected parts of either surface with samples inside the other body.
     fn regions(&self, near: &[Vec<u32>; 2], pose: &Pose, spacing: f64) -> Vec<Region> {
         let mut regions = Vec::new();
         for (side, near) in near.iter().enumerate() {
             let own = &self.sides[side];
+            // The deepest sample of each triangle that is inside the other body.
             let inside: Vec<(u32, Region)> = near
                 .par_iter()
                 .filter_map(|triangle| {
@@ -196,6 +201,7 @@ impl Reference {
                     Some((*triangle, Region { depth: deepest.depth, place, low, high }))
                 })
                 .collect();
+            // Triangles that share an edge are merged by flood fill.
             let mut of_triangle: std::collections::HashMap<u32, Region> = inside.iter().copied().collect();
             for (first, _) in &inside {
                 let Some(mut region) = of_triangle.remove(first) else { continue };
@@ -218,7 +224,8 @@ impl Reference {
     }
 }
 
-/// A point of one body in the other's frame: side 0 is the probe, at a pose, and side 1 the scene object, at the origin.
+/// Transforms a point of one body into the other's frame: side 0 is the probe, at a pose, and side 1 the
+/// scene object, at the origin.
 fn to_other(side: usize, pose: &Pose, point: DVec3) -> DVec3 {
     if side == 0 { pose.transform_point(point) } else { pose.inverse().transform_point(point) }
 }
@@ -233,7 +240,7 @@ fn around(corners: [DVec3; 3]) -> Sphere {
     Sphere { center, radius }
 }
 
-/// The centroids of equal parts of a triangle, none longer than the spacing, with their areas.
+/// Returns the centroids and areas of equal parts of a triangle, none longer than the spacing.
 fn samples([a, b, c]: [DVec3; 3], spacing: f64) -> Vec<(DVec3, f64)> {
     let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
     let parts = (longest / spacing).ceil().clamp(1.0, 1000.0) as u32;

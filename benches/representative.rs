@@ -1,4 +1,4 @@
-//! Palpate's representative contacts: integrals over the area of contact, in distance fields of both bodies.
+//! Representative contacts of palpate: integrals over the area of contact, in distance fields of both bodies.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use palpate_field::{AreaContact, FieldBody, FieldOutcome, FieldQuery, FieldSetti
 use crate::method::Method;
 use crate::reference::LAW_REACH;
 
-/// A query for representative contacts.
+/// Query for representative contacts.
 pub struct Representative {
     probe: Arc<FieldBody>,
     scene: Arc<FieldBody>,
@@ -19,13 +19,13 @@ pub struct Representative {
 }
 
 impl Representative {
-    /// Between two bodies.
+    /// Returns a query between two bodies.
     pub fn new(probe: Arc<FieldBody>, scene: Arc<FieldBody>, settings: FieldSettings) -> Self {
         let query = FieldQuery::new(&probe, &scene, LAW_REACH);
         Self { probe, scene, query, settings, cold: false }
     }
 
-    /// What the last query took.
+    /// Returns the cost of the last query.
     pub fn outcome(&self) -> FieldOutcome {
         self.query.outcome()
     }

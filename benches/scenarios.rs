@@ -1,9 +1,10 @@
-//! Pairs of a probe and a scene object with paths of the probe at 1 kHz, on which contact queries are compared.
+//! Pairs of a probe and a scene object with paths of the probe at 1 kHz, on which contact queries are
+//! compared.
 //!
-//! A path is recorded, or generated: the probe moves along a direction until it touches, slides along a small closed
-//! loop in light penetration (`LIGHT` of its radius), and leaves the way it came. At each of `STATIONS` on the
-//! loop the depth is found by moving along the direction until the contact query at full resolution reports it; a
-//! smooth curve runs through the poses found.
+//! A path is recorded, or generated: the probe moves along a direction until it touches, slides along a small
+//! closed loop in light penetration (`PATH_DEPTH` of its radius), and leaves in the reverse direction. At
+//! each of `STATIONS` on the loop the depth is adjusted by moving along the direction until the contact query
+//! at full resolution reports it; a smooth curve runs through the resulting poses.
 
 use std::error::Error;
 use std::f64::consts::TAU;
@@ -17,57 +18,59 @@ use palpate::{Object, OpenOptions, Pose, TriMesh, open_mesh};
 use crate::engine::EngineQuery;
 use crate::method::Method as _;
 
-/// d as a fraction of the probe's radius.
+/// Tolerance d relative to the probe's radius.
 pub const TOLERANCE: f64 = 0.01;
-/// Depth of generated paths, likewise.
-const LIGHT: f64 = 0.002;
-/// How far the depth at a station may be off, likewise.
-const LIGHT_ERROR: f64 = 1e-4;
-/// How far from the first contact generated paths begin, likewise.
+/// Depth of generated paths, relative to the probe's radius.
+const PATH_DEPTH: f64 = 0.002;
+/// Error of the depth at a station, relative to the probe's radius.
+const PATH_DEPTH_ERROR: f64 = 1e-4;
+/// Distance of the start of generated paths from the first contact, relative to the probe's radius.
 const CLEARANCE: f64 = 0.05;
-/// Poses on the loop whose depth is found.
+/// Number of poses on the loop whose depth is adjusted.
 const STATIONS: usize = 32;
-/// Poses of a generated path, at 1 kHz: an approach, the loop and the way back.
+/// Number of poses of a generated path, at 1 kHz, and the shares of the approach and of the loop.
 const POSES: usize = 1000;
 const APPROACH: f64 = 0.2;
 const LOOP: f64 = 0.6;
-/// Of the thread of the test data's M16 bolt, m; and where the nut starts, from where it is clear of the bolt for two turns.
+/// Thread pitch of the test data's M16 bolt, m; and start of the nut, m, from which it is clear of the bolt
+/// for two turns.
 const THREAD_PITCH: f64 = 0.002;
 const THREAD_START: f64 = 0.006;
 
-/// A probe, a scene object that stands at the origin, and a path of the probe.
+/// Probe, scene object that stands at the origin, and path of the probe.
 #[derive(Clone, Debug)]
 pub struct Scenario {
-    /// By which it is chosen.
+    /// Name by which it is selected.
     pub name: String,
-    /// The object that moves.
+    /// Moving object.
     pub probe: Body,
-    /// The object that does not.
+    /// Fixed object.
     pub scene: Body,
     /// Poses of the probe, 1 ms apart.
     pub poses: Vec<Pose>,
-    /// d: surfaces closer than this are in contact, m.
+    /// Tolerance d, m: closer surfaces are in contact.
     pub tolerance: f64,
 }
 
-/// An object with the mesh that it was made from.
+/// Object with the mesh that it was made from.
 #[derive(Clone, Debug)]
 pub struct Body {
-    /// With its hierarchy, from the user's cache where it was built before.
+    /// Object with its hierarchy, from the user's cache if it was built before.
     pub object: Object,
-    /// The mesh, exactly welded, m.
+    /// Mesh, exactly welded, m.
     pub mesh: TriMesh,
 }
 
 impl Body {
-    /// The model's name, or that of the file without its folder.
+    /// Returns the model's name, or the file's without its folder.
     pub fn short_name(&self) -> &str {
         let name = &self.object.name;
         name.rsplit_once('/').map_or(name, |(_, file)| file)
     }
 }
 
-/// What a scenario is made from: built-in models, or files of the optional test data (`shared` beside the repository).
+/// Definition of a scenario: built-in models, or files of the optional test data (`shared` beside the
+/// repository).
 struct Entry {
     name: &'static str,
     probe: &'static str,
@@ -79,24 +82,25 @@ enum Motion {
     /// A trajectory file.
     Recorded(&'static str),
     Sliding(Sliding),
-    /// A nut is screwed down a bolt, lowered by so much (m) onto the flanks of the thread.
+    /// Nut that is screwed down a bolt, pressed by so much (m) onto the flanks of the thread.
     Screwing {
         pressed: f64,
     },
 }
 
-/// How a probe slides over an object.
+/// Parameters of a probe that slides over an object.
 #[derive(Clone, Copy)]
 struct Sliding {
-    /// Where the probe's origin starts, m; `None` for clear of the scene object, the bounding spheres' centres in line.
+    /// Position of the probe's origin at the start, m; `None` for clear of the scene object with the bounding
+    /// spheres' centres in line.
     start: Option<DVec3>,
-    /// Moves along this until it touches.
+    /// Direction in which it moves until it touches.
     direction: DVec3,
-    /// Largest shift across the direction, as a fraction of the probe's radius.
+    /// Largest shift across the direction, relative to the probe's radius.
     shift: f64,
     /// Largest rotation vector, rad.
     turn: DVec3,
-    /// About this point of the probe, m; `None` for its bounding sphere's centre.
+    /// Pivot of the rotation, a point of the probe, m; `None` for its bounding sphere's centre.
     pivot: Option<DVec3>,
 }
 
@@ -223,15 +227,15 @@ const SCENARIOS: [Entry; 14] = [
     },
 ];
 
-/// The names of all scenarios.
+/// Returns the names of all scenarios.
 pub fn names() -> impl Iterator<Item = &'static str> {
     SCENARIOS.iter().map(|entry| entry.name)
 }
 
-/// Runs something on the scenarios of these names, or on all if there are none; says which are skipped.
+/// Runs a function on the scenarios of these names, or on all if there are none; prints which are skipped.
 ///
 /// # Errors
-/// If a scenario cannot be [opened](open), or what is run on one fails.
+/// If a scenario cannot be [opened](open), or the function fails.
 #[expect(clippy::print_stdout, reason = "for benchmarks, which print tables")]
 pub fn each(
     chosen: &[String],
@@ -248,7 +252,7 @@ pub fn each(
     Ok(())
 }
 
-/// Loads a scenario; `None` when its files, which are optional test data, are absent.
+/// Loads a scenario; `None` if its files, which are optional test data, are absent.
 ///
 /// # Errors
 /// If there is no such scenario, one of its files is refused, or the generated path finds no contact.
@@ -275,11 +279,11 @@ pub fn open(name: &str) -> Result<Option<Scenario>, Box<dyn Error>> {
     Ok(Some(Scenario { name: entry.name.to_owned(), probe, scene, poses, tolerance }))
 }
 
-/// A scenario of one's own: mesh files or built-in models and a trajectory file; the tolerance (d) in metres, or in percent of
-/// the probe's radius ("1%").
+/// Loads a scenario of the user's: mesh files or built-in models, and a trajectory file; the tolerance (d) in
+/// metres, or in percent of the probe's radius ("1%").
 ///
 /// # Errors
-/// If one of the files is refused, or the tolerance is none.
+/// If one of the files is refused, or the tolerance is invalid.
 pub fn own(probe: &str, scene: &str, trajectory: &Path, tolerance: &str) -> Result<Scenario, Box<dyn Error>> {
     let [probe, scene] = [load(probe)?, load(scene)?];
     let (number, unit) = match tolerance.strip_suffix('%') {
@@ -293,11 +297,12 @@ pub fn own(probe: &str, scene: &str, trajectory: &Path, tolerance: &str) -> Resu
     Ok(Scenario { name, poses: recorded(trajectory)?, probe, scene, tolerance })
 }
 
-/// Poses of a scenario's probe anywhere on the scene object, in any orientation: from apart by twice the tolerance to deeper by the
-/// tolerance than a light touch. They are the same each time: equidistributed, by multiples of powers of a root of x⁷ = x + 1.
+/// Returns poses of a scenario's probe anywhere on the scene object, in any orientation: from apart by twice
+/// the tolerance to deeper by the tolerance than `PATH_DEPTH`. They are deterministic and equidistributed, by
+/// multiples of powers of a root of x⁷ = x + 1.
 ///
 /// # Errors
-/// If hardly any of the lines that the probe comes along lead to the scene object.
+/// If hardly any of the probe's lines of approach lead to the scene object.
 pub fn anywhere(scenario: &Scenario, count: usize) -> Result<Vec<Pose>, Box<dyn Error>> {
     const ROOT: f64 = 1.112_775_684_278_705_4;
     let Scenario { probe, scene, tolerance, .. } = scenario;
@@ -305,14 +310,14 @@ pub fn anywhere(scenario: &Scenario, count: usize) -> Result<Vec<Pose>, Box<dyn 
     let (own, other) = (probe.mesh.bounding_sphere(), scene.mesh.bounding_sphere());
     let apart = own.radius + other.radius;
     let mut press = Press {
-        query: EngineQuery::new(&probe.object, &scene.object, 2.0 * LIGHT * radius),
+        query: EngineQuery::new(&probe.object, &scene.object, 2.0 * PATH_DEPTH * radius),
         radius,
         farthest: 2.0 * apart,
     };
     let mut poses = Vec::with_capacity(count);
     for index in 1..=10 * count {
         let [a, b, c, d, e, f] = [1, 2, 3, 4, 5, 6].map(|axis| (index as f64 / ROOT.powi(axis)).fract());
-        // K. Shoemake, Uniform random rotations, Graphics Gems III, 1992.
+        // Uniform random rotation: K. Shoemake, Graphics Gems III, 1992.
         let ((s, t), (u, v)) = ((TAU * b).sin_cos(), (TAU * c).sin_cos());
         let (p, q) = ((1.0 - a).sqrt(), a.sqrt());
         let rotation = DQuat::from_xyzw(p * s, p * t, q * u, q * v).normalize();
@@ -331,13 +336,13 @@ pub fn anywhere(scenario: &Scenario, count: usize) -> Result<Vec<Pose>, Box<dyn 
     Err("hardly any line leads the probe to the scene object".into())
 }
 
-/// The poses of a trajectory file.
+/// Reads the poses of a trajectory file.
 fn recorded(file: &Path) -> Result<Vec<Pose>, Box<dyn Error>> {
     let path = MotionPath::load(file, Interpolation::Linear)?;
     Ok(path.keyframes().iter().map(|keyframe| keyframe.pose).collect())
 }
 
-/// A nut that is screwed down by two turns in two seconds.
+/// Returns the path of a nut that is screwed down by two turns in two seconds.
 fn screwing(pressed: f64) -> Vec<Pose> {
     let pose = |step: usize| {
         let turns = 1e-3 * step as f64;
@@ -347,13 +352,13 @@ fn screwing(pressed: f64) -> Vec<Pose> {
     (0..2000).map(pose).collect()
 }
 
-/// Where a file is: one of the repository's `assets`, or else one of the optional test data.
+/// Returns the path of a file in the repository's `assets`, or else in the optional test data.
 fn data_file(file: &str) -> PathBuf {
     let folder = if file.starts_with("assets/") { "/.." } else { "/../../shared" };
     Path::new(&[env!("CARGO_MANIFEST_DIR"), folder].concat()).join(file)
 }
 
-/// A built-in model or, if it names a file, one of the optional test data.
+/// Loads a built-in model or, if it names a file, one of the optional test data.
 fn body(name: &str) -> Result<Option<Body>, Box<dyn Error>> {
     let file = data_file(name);
     let argument = if name.contains('/') {
@@ -375,7 +380,7 @@ fn load(argument: &str) -> Result<Body, Box<dyn Error>> {
 }
 
 impl Sliding {
-    /// Poses 1 ms apart.
+    /// Returns poses 1 ms apart.
     fn path(&self, probe: &Body, scene: &Body) -> Result<Vec<Pose>, Box<dyn Error>> {
         let radius = probe.object.bounding_radius();
         let (own, other) = (probe.mesh.bounding_sphere(), scene.mesh.bounding_sphere());
@@ -383,6 +388,7 @@ impl Sliding {
         let start = self.start.unwrap_or(other.center - own.center - self.direction * apart);
         let (across, along) = self.direction.any_orthonormal_pair();
         let pivot = self.pivot.unwrap_or(own.center);
+        // Phase 0 to 1 is a closed loop: shift (sin, 1 − cos) across the direction, turn by the sine.
         let pose = |phase: f64, advance: f64| {
             let (sine, cosine) = (TAU * phase).sin_cos();
             let rotation = DQuat::from_scaled_axis(self.turn * sine);
@@ -391,7 +397,7 @@ impl Sliding {
         };
 
         let mut press = Press {
-            query: EngineQuery::new(&probe.object, &scene.object, 2.0 * LIGHT * radius),
+            query: EngineQuery::new(&probe.object, &scene.object, 2.0 * PATH_DEPTH * radius),
             radius,
             farthest: 2.0 * apart,
         };
@@ -414,7 +420,7 @@ impl Sliding {
     }
 }
 
-/// Finds how far a probe has to move along a line to be in light penetration.
+/// Finds the displacement of a probe along a line to a given light penetration.
 struct Press {
     query: EngineQuery,
     radius: f64,
@@ -422,10 +428,11 @@ struct Press {
 }
 
 impl Press {
-    /// The advance, near a first guess, at which the depth is [`LIGHT`]; the probe comes from before it.
+    /// Returns the displacement, near a first guess, at which the depth is [`PATH_DEPTH`]; the probe comes
+    /// from before it.
     fn advance(&mut self, pose: impl Fn(f64) -> Pose, guess: f64) -> Result<f64, Box<dyn Error>> {
-        let light = LIGHT * self.radius;
-        // No step leads through a surface that was out of reach before it.
+        let light = PATH_DEPTH * self.radius;
+        // No step passes through a surface that was out of reach before it.
         let step = light;
         let mut above = guess;
         while self.is_deep(&pose(above)) {
@@ -441,7 +448,8 @@ impl Press {
                 return Err("the probe does not meet the scene object".into());
             }
         }
-        while below - above > LIGHT_ERROR * self.radius {
+        // Bisection between a clear and a deep displacement.
+        while below - above > PATH_DEPTH_ERROR * self.radius {
             let middle = f64::midpoint(above, below);
             if self.is_deep(&pose(middle)) {
                 below = middle;
@@ -454,7 +462,7 @@ impl Press {
 
     fn is_deep(&mut self, pose: &Pose) -> bool {
         self.query.run(pose);
-        self.query.outcome().deepest.is_some_and(|depth| depth >= LIGHT * self.radius)
+        self.query.outcome().deepest.is_some_and(|depth| depth >= PATH_DEPTH * self.radius)
     }
 }
 
@@ -483,7 +491,7 @@ mod tests {
         let contacts: Vec<f64> = depths.by_ref().take(800).flatten().collect();
         assert!(contacts.len() > 600, "{} poses in contact", contacts.len());
         let deepest = contacts.iter().copied().fold(0.0, f64::max);
-        assert!((0.9 * LIGHT..3.0 * LIGHT).contains(&(deepest / radius)), "{deepest} of {radius}");
+        assert!((0.9 * PATH_DEPTH..3.0 * PATH_DEPTH).contains(&(deepest / radius)), "{deepest} of {radius}");
         assert_eq!(depths.last(), Some(None), "clear at last");
     }
 }

@@ -1,5 +1,5 @@
-//! Whether the haptic step notices that objects come and go: sessions in real time, without changes of the scene and with large objects
-//! added, moved, replaced and removed all the time.
+//! Effect of scene edits on the haptic step: sessions in real time, without changes of the scene and with
+//! large objects added, moved, replaced and removed all the time.
 //!
 //! `cargo bench -p palpate-benches --bench scene_edits [-- --seconds 20 --model golf-ball]`
 
@@ -15,19 +15,19 @@ use palpate::{HapticRenderer, Object, Pose, Scene, SceneEditor, Settings, Summar
 
 #[derive(Parser)]
 struct Arguments {
-    /// Seconds of each session.
+    /// Length of each session, s.
     #[arg(long, default_value_t = 10.0)]
     seconds: f64,
-    /// What comes and goes.
+    /// Model that is added and removed.
     #[arg(long, default_value = "golf-ball")]
     model: String,
-    /// Given by cargo.
+    /// Argument that cargo passes to every benchmark
     #[arg(long, hide = true)]
     bench: bool,
 }
 
-/// From one change to the next.
-const EVERY: Duration = Duration::from_millis(40);
+/// Time between changes.
+const EDIT_INTERVAL: Duration = Duration::from_millis(40);
 
 fn main() -> Result<(), Box<dyn Error>> {
     let Arguments { seconds, model, .. } = Arguments::parse();
@@ -50,7 +50,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// How many changes were made, and what the session measured.
+/// Runs a session; returns the number of changes, and its summary.
 fn session(large: &Object, seconds: f64, edited: bool) -> Result<(usize, Summary), Box<dyn Error>> {
     let probe = Object::model("ellipsoid@500")?;
     let scene = Scene::new().with(Object::model("golf-ball@5000")?, Pose::IDENTITY);
@@ -63,17 +63,17 @@ fn session(large: &Object, seconds: f64, edited: bool) -> Result<(usize, Summary
         if edited {
             changes += change(&mut running.scene, large, changes)?;
         }
-        std::thread::sleep(EVERY);
+        std::thread::sleep(EDIT_INTERVAL);
     }
     Ok((changes, running.stop()?.summary()))
 }
 
-/// A large object comes where the probe is not, is moved, grows and goes; each has to be looked at anew.
+/// Adds a large object away from the probe, moves, scales or removes it.
 fn change(scene: &mut SceneEditor, large: &Object, so_far: usize) -> Result<usize, Box<dyn Error>> {
     let at = |step: f64| Pose::from_translation((0.5 + 0.001 * step) * DVec3::X);
     let id = scene.add(large, at(0.0))?;
     scene.set_pose(id, at(so_far as f64))?;
-    // Another hierarchy each time, made by the caller.
+    // A new hierarchy each time, made by the caller.
     let grown = large.scaled(1.0 + 1e-3 * (so_far % 7) as f64).ok_or("the object cannot be scaled")?;
     scene.replace(id, &grown, at(1.0))?;
     scene.remove(id)?;

@@ -1,23 +1,26 @@
-//! How true contacts are: those of palpate, of parry, and of a shell of points in a signed distance grid, against all
-//! pairs of triangles within d and the signed distances of vertices.
+//! Accuracy of contacts: those of palpate, of parry, and of a shell of points in a signed distance grid,
+//! compared with all pairs of triangles within d and the signed distances of vertices.
 //!
-//! `cargo bench -p palpate-benches --bench scores -- --scenario jaws --poses 60`; `--build` also times building, with
-//! hierarchies and grids built anew, which takes minutes. Poses are evenly spaced on the path. Of palpate there are the
-//! contact sets, with one contact for each region of intersection and with further ones at the noticeable spacing, and
-//! the query's contacts of which they are made. The scores:
+//! `cargo bench -p palpate-benches --bench scores -- --scenario jaws --poses 60`; `--build` also times
+//! building, with hierarchies and grids built anew, which takes minutes. Poses are evenly spaced on the path.
+//! The methods of palpate are the contact sets, with one contact for each region of intersection and with
+//! further ones at the noticeable spacing, and the query's contacts that they are made from. The scores:
 //!
-//! - smallest distance: how far it is off at most, in percent of the probe's radius. A false contact at 0 is as far off as
-//!   the surfaces are apart, and no contact within d as much as the true distance is less than d.
-//! - recall: the share that is found of the local minima of the distance (no pair of triangles at their nearest points is
-//!   closer, and both are seen from outside) and connected regions of intersection, the closest standing for those within
-//!   [`MERGE`] of it on both surfaces. A minimum is found where a contact is that near it on both surfaces, and a region
-//!   where one penetrates in its box, grown by as much.
-//! - validity: the share of contacts whose points are on both surfaces, and whose distance is that of one of its points
-//!   from the other surface, negative inside, each to within [`VALID`]; of [`ASKED`] contacts a pose at most.
-//! - coverage: the share of all pairs of triangles within d that have a contact within [`COVER`] on the probe.
-//! - depth: how far the deepest contact in a region's box is off the largest signed distance of the vertices in the
-//!   region, those of either object from the other, in percent of the radius: mean and largest. Regions without a vertex
-//!   inside have no such depth.
+//! - smallest distance: its largest error, in percent of the probe's radius. For a false contact at 0 the
+//!   error is the separation of the surfaces; without a contact within d it is d minus the true distance.
+//! - recall: the share found of the local minima of the distance (no pair of triangles at their nearest
+//!   points is closer, and both are seen from outside) and of the connected regions of intersection. The
+//!   closest minimum represents those within [`MERGE_DISTANCE`] of it on both surfaces. A minimum is found if
+//!   a contact is that near it on both surfaces, and a region if a contact penetrates in its box, grown by as
+//!   much.
+//! - validity: the share of contacts whose points are on both surfaces, and whose distance is that of one of
+//!   its points from the other surface, negative inside, each to within [`MAX_ERROR`]; of at most
+//!   [`MAX_CHECKED`] contacts per pose.
+//! - coverage: the share of all pairs of triangles within d that have a contact within [`COVER_DISTANCE`] on
+//!   the probe.
+//! - depth: the error of the deepest contact in a region's box against the largest signed distance of the
+//!   vertices in the region, of either object from the other, in percent of the radius: mean and largest.
+//!   Regions without a vertex inside have no such depth.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "it prints tables")]
 
@@ -41,7 +44,7 @@ use palpate_measure::{mean, quantile};
 use palpate_tests::close_pairs::{ClosePairs, Intersection, Surface};
 
 #[derive(Parser)]
-#[command(about = "How true the contacts of several methods are")]
+#[command(about = "Accuracy of the contacts of several methods")]
 struct Arguments {
     /// Scenarios; all of them by default
     #[arg(long, num_args = 1.., value_name = "NAME")]
@@ -49,36 +52,36 @@ struct Arguments {
     /// Poses of each path
     #[arg(long, default_value_t = 60)]
     poses: usize,
-    /// Build everything anew, and tell how long that takes
+    /// Build everything anew, and print the build times
     #[arg(long)]
     build: bool,
-    /// What cargo passes to every benchmark
+    /// Argument that cargo passes to every benchmark
     #[arg(long, hide = true)]
     bench: bool,
 }
 
-/// s₀ of the coarser queries, as a part of the probe's radius.
-const COARSE: f64 = 0.025;
-/// Samples of distance grids along each axis.
+/// Threshold s₀ of the coarser queries, relative to the probe's radius.
+const COARSE_ERROR: f64 = 0.025;
+/// Numbers of samples of distance grids along each axis.
 const GRIDS: [usize; 2] = [128, 256];
-/// How near contacts are that are one, in units of d.
-const MERGE: f64 = 1.0;
-/// How far contacts may be off, likewise.
-const VALID: f64 = 0.1;
-/// How far a contact may stand for what is close, likewise.
-const COVER: f64 = 5.0;
-/// Contacts that are asked whether they are valid.
-const ASKED: usize = 500;
-/// Lengths that are told apart, as a part of the probe's radius.
-const SAME: f64 = 1e-9;
+/// Distance up to which contacts count as one, in units of d.
+const MERGE_DISTANCE: f64 = 1.0;
+/// Largest error of a valid contact, in units of d.
+const MAX_ERROR: f64 = 0.1;
+/// Distance up to which a contact covers close pairs, in units of d.
+const COVER_DISTANCE: f64 = 5.0;
+/// Largest number of contacts per pose that are checked for validity.
+const MAX_CHECKED: usize = 500;
+/// Length below which distances count as equal, relative to the probe's radius.
+const EQUAL_LENGTH: f64 = 1e-9;
 
-/// What there is to find at a pose.
+/// Expected contacts at a pose.
 struct Truth {
     close: ClosePairs,
     /// Points on both surfaces.
     minima: Vec<[DVec3; 2]>,
     regions: Vec<Intersection>,
-    /// d where nothing is closer.
+    /// Smallest distance, or d where nothing is closer.
     smallest: f64,
 }
 
@@ -86,11 +89,11 @@ impl Truth {
     fn new([probe, scene]: &[Surface; 2], pose: &Pose, tolerance: f64, radius: f64) -> Self {
         let close = ClosePairs::new(probe, pose, scene, tolerance);
         let regions = close.intersections(probe, pose, scene);
-        let mut found = close.minima(probe, pose, scene, SAME * radius);
+        let mut found = close.minima(probe, pose, scene, EQUAL_LENGTH * radius);
         found.sort_by(|x, y| x.pair.distance.total_cmp(&y.pair.distance));
         let mut kept: Vec<[DVec3; 2]> = regions.iter().map(|region| [region.deepest; 2]).collect();
         for points in found.into_iter().map(|minimum| minimum.pair.points) {
-            if !kept.iter().any(|other| near(*other, points, MERGE * tolerance)) {
+            if !kept.iter().any(|other| near(*other, points, MERGE_DISTANCE * tolerance)) {
                 kept.push(points);
             }
         }
@@ -100,7 +103,7 @@ impl Truth {
     }
 }
 
-/// Whether both points are near both others.
+/// Returns whether both points are near both others.
 fn near(points: [DVec3; 2], others: [DVec3; 2], reach: f64) -> bool {
     points.iter().zip(others).all(|(p, q)| p.distance(q) <= reach)
 }
@@ -120,7 +123,7 @@ impl Near {
         Self { size, cubes }
     }
 
-    /// Whether there is a point no further than the cubes' size.
+    /// Returns whether there is a point no further than the size of the cubes.
     fn any(&self, place: DVec3) -> bool {
         let middle = (place / self.size).floor().as_ivec3();
         (0..27).any(|index| {
@@ -130,14 +133,14 @@ impl Near {
     }
 }
 
-/// A method with its scores.
+/// Method with its scores.
 struct Row<'a> {
     name: String,
     method: Box<dyn Method + 'a>,
-    /// s.
+    /// Build time, s.
     built: Option<f64>,
     distance_errors: Vec<f64>,
-    /// Found, of how many.
+    /// Counts of what was found, and of what there is.
     recall: [usize; 2],
     valid: [usize; 2],
     covered: [usize; 2],
@@ -166,7 +169,7 @@ impl<'a> Row<'a> {
         let smallest = found.iter().map(|found| found.contact.distance()).fold(tolerance, f64::min);
         self.distance_errors.push((smallest - truth.smallest).abs());
 
-        let merge = MERGE * tolerance;
+        let merge = MERGE_DISTANCE * tolerance;
         let points = |found: &AreaContact| [found.contact.point, found.contact.scene_point];
         let in_box = |region: &Intersection, found: &AreaContact| {
             let point = found.contact.point;
@@ -187,12 +190,12 @@ impl<'a> Row<'a> {
             }
         }
 
-        for found in found.iter().step_by(found.len().div_ceil(ASKED).max(1)) {
-            self.valid[0] += usize::from(is_valid(found, surfaces, pose, VALID * tolerance));
+        for found in found.iter().step_by(found.len().div_ceil(MAX_CHECKED).max(1)) {
+            self.valid[0] += usize::from(is_valid(found, surfaces, pose, MAX_ERROR * tolerance));
             self.valid[1] += 1;
         }
 
-        let contacts = Near::new(COVER * tolerance, found.iter().map(|found| found.contact.point));
+        let contacts = Near::new(COVER_DISTANCE * tolerance, found.iter().map(|found| found.contact.point));
         self.covered[0] += truth.close.pairs.iter().filter(|pair| contacts.any(pair.points[0])).count();
         self.covered[1] += truth.close.pairs.len();
     }
@@ -211,7 +214,7 @@ fn is_valid(found: &AreaContact, [probe, scene]: &[Surface; 2], pose: &Pose, rea
     on_both && (as_deep(signed(scene, contact.point)) || as_deep(signed(probe, in_probe[1])))
 }
 
-/// What something takes, s, and its outcome.
+/// Returns the time of a function, s, with its result.
 fn timed<T>(make: impl FnOnce() -> T) -> (T, f64) {
     let begun = Instant::now();
     let made = make();
@@ -237,7 +240,7 @@ fn rows<'a>(
         None
     };
     let mut rows = Vec::new();
-    let modes = [("exact", 0.0), ("s₀ = 2.5 %", COARSE)].map(|(mode, error)| {
+    let modes = [("exact", 0.0), ("s₀ = 2.5 %", COARSE_ERROR)].map(|(mode, error)| {
         let mut query = EngineQuery::new(&probe.object, &scene.object, *tolerance);
         query.settings.error = (error * radius).into();
         (mode, query)

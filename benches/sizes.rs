@@ -1,10 +1,11 @@
-//! How the cost of a contact query grows with the size of the objects: the golf club on the golf ball, at rising numbers
-//! of triangles a body.
+//! Growth of the cost of a contact query with the size of the objects: the golf club on the golf ball, at
+//! rising numbers of triangles per body.
 //!
-//! `cargo bench -p palpate-benches --bench sizes` goes up to 80,000 triangles, `-- --most 1280000` further; hierarchies are
-//! built where the cache has none, which takes minutes for the largest. `--representative` leaves them out. The largest club is
-//! lowered on the largest ball until it is pressed in by a tenth of the tolerance, and then slides and turns; all sizes go along the
-//! same path. Forces are those of the law of areas, and compared with the largest size's by the same method.
+//! `cargo bench -p palpate-benches --bench sizes` goes up to 80,000 triangles, `-- --most 1280000` further;
+//! hierarchies are built where the cache has none, which takes minutes for the largest. `--representative`
+//! leaves them out. The largest club is lowered on the largest ball until it penetrates by a tenth of the
+//! tolerance, and then slides and turns; all sizes follow the same path. Forces are those of the area law,
+//! and are compared with the largest size's by the same method.
 
 #![allow(clippy::print_stdout, reason = "it prints a table")]
 
@@ -27,52 +28,52 @@ use palpate_measure::{mean, quantile};
 #[derive(Parser)]
 #[command(about = "The cost of contact queries at rising resolutions")]
 struct Arguments {
-    /// Largest number of triangles of either
+    /// Largest number of triangles of a body
     #[arg(long, default_value_t = 80_000)]
     most: usize,
     /// Representative contacts alone, which need no hierarchies
     #[arg(long)]
     representative: bool,
-    /// What cargo passes to every benchmark
+    /// Argument that cargo passes to every benchmark
     #[arg(long, hide = true)]
     bench: bool,
 }
 
-const FEWEST: usize = 5_000;
+const MIN_TRIANGLES: usize = 5_000;
 const FACTOR: usize = 4;
 const PROBE: &str = "golf-club";
 const SCENE: &str = "golf-ball";
-/// Poses of the path.
+/// Number of poses on the path.
 const POSES: u32 = 500;
-/// Tolerance, errors that are left out, and the error of representative contacts, as parts of the probe's radius; 0 is full
-/// resolution.
+/// Tolerance, error thresholds, and EPS of representative contacts, relative to the probe's radius; a
+/// threshold of 0 is full resolution.
 const TOLERANCE: f64 = 0.01;
 const ERRORS: [f64; 2] = [0.0, 0.025];
 const EPS: f64 = 5e-4;
 
-/// What a method takes and finds along the path.
+/// Times and results of a method along the path.
 struct Run {
     size: usize,
     method: String,
-    /// µs.
+    /// Query times, µs.
     times: Vec<f64>,
     contacts: Vec<f64>,
-    /// By the law, in units of the stiffness.
+    /// Forces by the area law, in units of the stiffness.
     forces: Vec<DVec3>,
 }
 
-/// The path, and what lengths are measured with.
+/// Path, and the spheres that lengths are relative to.
 struct Path {
     poses: Vec<Pose>,
-    /// Around the largest probe.
+    /// Bounding sphere of the largest probe.
     sphere: Sphere,
     tolerance: f64,
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
-    let mut sizes: Vec<usize> = std::iter::successors(Some(FEWEST), |size| Some(FACTOR * size))
-        .take_while(|size| *size <= arguments.most.max(FEWEST))
+    let mut sizes: Vec<usize> = std::iter::successors(Some(MIN_TRIANGLES), |size| Some(FACTOR * size))
+        .take_while(|size| *size <= arguments.most.max(MIN_TRIANGLES))
         .collect();
     sizes.reverse();
     let mut path = None;
@@ -108,7 +109,7 @@ fn mesh(name: &str, size: usize) -> Result<TriMesh, Box<dyn Error>> {
     Ok(model.generate(size)?)
 }
 
-/// Poses of a probe that is lowered on a scene object, and then slides over it.
+/// Returns poses of a probe that is lowered on a scene object, and then slides over it.
 fn slide(query: &mut Representative, probe: Sphere, scene: Sphere, tolerance: f64) -> Vec<Pose> {
     let above = |height: f64| scene.center - probe.center + height * DVec3::Y;
     let mut found = Vec::new();
@@ -151,7 +152,7 @@ impl Path {
     }
 }
 
-/// A table, from the smallest size to the largest, which is the first.
+/// Prints a table, from the smallest size to the largest, which is the first.
 fn print(runs: &[Run]) {
     println!(
         "| triangles of either | method | query median, µs | p99 | contacts | force off the largest size's, % | p95 |"

@@ -1,9 +1,12 @@
-//! What each stage of the pipeline costs where a scene needs it, and whether it costs nothing where it does not.
+//! Cost of each stage of the pipeline in a scene that needs it, and a check that it costs nothing in a scene
+//! that does not.
 //!
-//! `cargo bench -p palpate-benches --bench stages`, with `-- --json` for programs. One convex hull strokes another one in one
-//! contact, and each further scene differs by one stage. Instructions a step are counted by valgrind's callgrind, where that is
-//! installed; times are medians of single steps, threads those that a session in real time has beside the ones that it found.
-//! What is absent has to take as many instructions as the plain scene, else the benchmark fails. Scenes are run by `stage_steps`, an example of the crate `palpate`, since it has to be built with and without features.
+//! `cargo bench -p palpate-benches --bench stages`, with `-- --json` for programs. A convex hull strokes
+//! another in one contact, and each further scene differs by one stage. Instructions per step are counted by
+//! valgrind's callgrind, where that is installed; times are medians of single steps; threads are those that a
+//! real-time session adds. A scene without a stage has to take as many instructions as the plain scene, else
+//! the benchmark fails. Scenes are run by `stage_steps`, an example of the crate `palpate`, since it has to
+//! be built with and without features.
 
 #![allow(clippy::print_stdout, reason = "it prints tables")]
 
@@ -17,32 +20,33 @@ use palpate_benches::callgrind;
 use serde::Serialize;
 
 #[derive(Parser)]
-#[command(about = "What each stage of the pipeline costs, present and absent")]
+#[command(about = "Cost of each stage of the pipeline, present and absent")]
 struct Arguments {
-    /// Steps that are timed
+    /// Number of timed steps
     #[arg(long, default_value_t = 1000)]
     steps: u32,
     /// Print the result as JSON
     #[arg(long)]
     json: bool,
-    /// What cargo passes to every benchmark
+    /// Argument that cargo passes to every benchmark
     #[arg(long, hide = true)]
     bench: bool,
 }
 
 type Failure = Box<dyn Error>;
 
-/// Steps whose instructions are counted, after as many that are not: together a round of the stroke.
+/// Number of steps whose instructions are counted, after as many that are not: together a round of the
+/// stroke.
 const COUNTED: &str = "250";
 /// Length of the sessions in which threads are counted, s.
 const SESSION: &str = "0.3";
-/// Functions of the scenes' program, each the part of its name that a profile has.
+/// Functions of the scenes' program, by a part of their names in the profile.
 const FUNCTIONS: [&str; 3] = ["counted_contact_step", "counted_haptic_step", "counted_clustering"];
-/// The scene that the others are compared with, and the one like it with a hierarchy.
+/// Scene that the others are compared with, and the same with a hierarchy.
 const BARE: &str = "bare";
 const HIERARCHY: &str = "hierarchy";
 
-/// A scene, and what it has beside another one.
+/// Scenes: name, the scene that it is compared with, and the difference.
 const SCENES: [(&str, &str, &str); 14] = [
     (BARE, "", "two convex hulls, one contact, nothing else"),
     (HIERARCHY, BARE, "the object has a hierarchy (golf-ball@5000)"),
@@ -60,7 +64,8 @@ const SCENES: [(&str, &str, &str); 14] = [
     ("texture-auto", "plate", "likewise, the faster of processor and GPU"),
 ];
 
-/// What is not needed, and so must not cost anything: a scene or build, and the one that must take as many instructions.
+/// Settings that a scene does not need and that must cost nothing: name, the scene that must take as many
+/// instructions, and description.
 const ABSENT: [(&str, &str, &str); 5] = [
     ("texture-settings", BARE, "large grids and a GPU are asked for, but nothing is textured"),
     ("error-without-levels", BARE, "detail is to be left out, but there is one convex hull an object"),
@@ -68,7 +73,7 @@ const ABSENT: [(&str, &str, &str); 5] = [
     ("one-cluster", BARE, "1 cluster in place of 5, with one contact"),
     ("16-clusters", BARE, "16 clusters in place of 5, with one contact"),
 ];
-/// Scenes that are counted in a build without features, too.
+/// Scenes that are also counted in a build without features.
 const MINIMAL: [&str; 2] = [BARE, HIERARCHY];
 
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -78,14 +83,15 @@ struct Counts {
     clustering: Option<f64>,
 }
 
-/// How far counts of the same work lie apart at most, as a part of them: copies of the contact model take a few instructions
-/// more or less by how they are aligned on the stack.
-const ALIGNMENT: f64 = 0.0025;
+/// Largest relative difference between counts of the same work: copies of the contact model take a few
+/// instructions more or less by their alignment on the stack.
+const MAX_RELATIVE_DIFFERENCE: f64 = 0.0025;
 
 impl Counts {
-    /// Whether both steps take as many instructions, but for the alignment of copies; unknown where they were not counted.
+    /// Returns whether both steps take as many instructions, up to the alignment of copies; `None` if they
+    /// were not counted.
     fn equal(&self, other: &Self) -> Option<bool> {
-        let close = |a: f64, b: f64| (a - b).abs() <= ALIGNMENT * a.max(b);
+        let close = |a: f64, b: f64| (a - b).abs() <= MAX_RELATIVE_DIFFERENCE * a.max(b);
         Some(close(self.contact?, other.contact?) && close(self.haptic?, other.haptic?))
     }
 }
@@ -94,15 +100,15 @@ impl Counts {
 struct SceneCost {
     name: &'static str,
     what: &'static str,
-    /// The scene that it adds to.
+    /// Scene that it is compared with.
     beside: &'static str,
     instructions: Counts,
     contact_ns: f64,
     haptic_ns: f64,
     contacts: f64,
-    /// More than before; none where the system does not tell.
+    /// Number of threads that a session adds; `None` if the system does not report it.
     threads: Option<u32>,
-    /// Whether a GPU was looked for, that is, Vulkan was loaded; none where the system does not tell.
+    /// Whether a GPU was looked for, that is, Vulkan was loaded; `None` if the system does not report it.
     gpu: Option<bool>,
     textures: String,
 }
@@ -150,17 +156,21 @@ fn main() -> Result<(), Failure> {
         print(&report);
     }
     let unequal = report.absent.iter().filter(|absence| absence.equal == Some(false)).count();
-    if unequal > 0 { Err(format!("{unequal} of what is absent is not free").into()) } else { Ok(()) }
+    if unequal > 0 {
+        Err(format!("{unequal} stages that a scene does not need cost instructions").into())
+    } else {
+        Ok(())
+    }
 }
 
-/// The program that runs scenes, built with some features.
+/// Program that runs scenes, built with some features.
 struct Program {
     path: PathBuf,
     folder: PathBuf,
 }
 
 impl Program {
-    /// Builds it, and keeps it in a folder, for the next build with other features takes its place.
+    /// Builds the program, and copies it to a folder, since the next build with other features replaces it.
     fn build(features: &[&str], folder: &Path, name: &str) -> Result<Self, Failure> {
         let build = ["build", "--release", "--quiet", "-p", "palpate", "--example", "stage_steps"];
         let features = [&["--features", "models"], features].concat();
@@ -175,9 +185,9 @@ impl Program {
         Ok(Self { path, folder: folder.to_owned() })
     }
 
-    /// Runs it on the folder.
+    /// Runs the program on the folder.
     fn run(&self, arguments: &[&str]) -> Result<Output, Failure> {
-        // The dynamic linker of Linux then says on stderr what it loads, as a GPU's driver.
+        // Makes the dynamic linker of Linux print on stderr what it loads, such as a GPU's driver.
         let output =
             Command::new(&self.path).args(arguments).arg(&self.folder).env("LD_DEBUG", "libs").output()?;
         checked(output, &arguments.join(" "))
@@ -211,7 +221,7 @@ impl Program {
         })
     }
 
-    /// Instructions of a scene's steps; none without valgrind.
+    /// Returns the instructions of a scene's steps; zero counts without valgrind.
     fn count(&self, name: &str) -> Result<Counts, Failure> {
         if !callgrind::is_installed() {
             return Ok(Counts::default());
@@ -227,7 +237,7 @@ impl Program {
     }
 }
 
-/// What was printed, by the first word of each line.
+/// Returns the printed lines by their first word.
 fn figures(output: &Output) -> BTreeMap<String, String> {
     let printed = String::from_utf8_lossy(&output.stdout);
     let entry = |line: &str| line.split_once(' ').map(|(name, value)| (name.to_owned(), value.to_owned()));
@@ -257,7 +267,7 @@ fn print(report: &Report) {
     };
     if !callgrind::is_installed() {
         println!(
-            "Instructions are missing, and so is whether what is absent is free: valgrind is not installed (on Debian and Ubuntu \
+            "Instructions are not counted, and the cost of absent stages is not checked: valgrind is not installed (on Debian and Ubuntu \
              `sudo apt-get install valgrind`).\n"
         );
     }

@@ -1,12 +1,14 @@
-//! How true texture depths are: δ_n of coarse meshes with textures against that of the meshes at full resolution, by brute force,
-//! at random contacts, by the size of the grid; with the time of a depth with its derivatives.
+//! Accuracy of texture depths: δ_n of coarse meshes with textures compared with that of the meshes at full
+//! resolution, by brute force, at random contacts, by the size of the grid; with the time of a depth with its
+//! derivatives.
 //!
-//! `cargo bench -p palpate-benches --bench texture_accuracy`. The pairs are those of Table 4.1, the models' detail baked onto
-//! coarse ones, and a ball on plates that height maps displace, where the optional shared models are there.
+//! `cargo bench -p palpate-benches --bench texture_accuracy`. The pairs are those of Table 4.1, with the
+//! models' detail baked onto coarse meshes, and a ball on plates displaced by height maps, if the optional
+//! shared models are present.
 //!
-//! The brute force looks along n at both full meshes: at each vertex of either, how far it is in the other. Where an edge
-//! crosses an edge the overlap may be larger; that is left out, as full meshes are fine. Contacts whose largest overlap is at
-//! the border of the grid are left out as well.
+//! The brute force measures, along n at each vertex of either full mesh, its depth in the other. Where edges
+//! cross the overlap may be larger; that is neglected, since full meshes are fine. Contacts with the largest
+//! overlap at the border of the grid are left out.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "it prints tables")]
 
@@ -30,34 +32,34 @@ use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
 
 #[derive(Parser)]
-#[command(about = "How true texture depths are")]
+#[command(about = "Accuracy of texture depths")]
 struct Arguments {
     /// Contacts of each pair
     #[arg(long, default_value_t = 40)]
     contacts: usize,
-    /// What cargo passes to every benchmark
+    /// Argument that cargo passes to every benchmark
     #[arg(long, hide = true)]
     bench: bool,
 }
 
 const SEED: u64 = 0x7E47;
 const GRIDS: [u32; 3] = [50, 128, 256];
-/// Part of the grid, from its middle, in which the largest overlap is to be.
-const INNER: f64 = 0.9;
-/// Creases of coarse meshes, rad.
+/// Share of the grid, from its middle, in which the largest overlap has to be.
+const INNER_SHARE: f64 = 0.9;
+/// Angle from which edges of coarse meshes are creases, rad.
 const CREASE: f64 = 0.6;
 
-/// A surface at full resolution, and coarse with its detail as a texture.
+/// Surface at full resolution, and coarse with its detail as a texture.
 struct Body {
     full: TriMesh,
     coarse: TriMesh,
     textured: Arc<TexturedSurface>,
-    /// Half the side of grids on it, m: some features wide.
+    /// Half the side of its grids, m: a few features wide.
     half: f64,
 }
 
 impl Body {
-    /// A built-in model, coarse and baked with texels of a size (m).
+    /// Returns a built-in model, coarse and baked with texels of a size (m).
     fn baked(model: &str, coarse: usize, texel: f64, half: f64) -> Result<Self, Box<dyn Error>> {
         let (model, full) = Model::parse(model)?;
         let (full, coarse) = (model.generate(full)?, model.generate(coarse)?);
@@ -76,7 +78,7 @@ impl Body {
 }
 
 impl Body {
-    /// A plate of 5 cm that a height map of that many metres from black to white displaces.
+    /// Returns a plate of 5 cm displaced by a height map with that many metres from black to white.
     fn displaced(file: &str, amplitude: f64) -> Result<Option<Self>, Box<dyn Error>> {
         let Some(path) = shared(&format!("models/good/height/{file}")) else { return Ok(None) };
         let options = HeightOptions { wrap: [Wrap::Clamp; 2], ..HeightOptions::new(amplitude) };
@@ -92,7 +94,7 @@ impl Body {
         Ok(Some(Self { full: relief(&image)?, coarse, textured, half: 0.002 }))
     }
 
-    /// A ball without a texture.
+    /// Returns a ball without a texture.
     fn ball(radius: f64) -> Result<Self, Box<dyn Error>> {
         let (rings, around) = (300_u32, 600_u32);
         let vertices = (0..=rings).flat_map(|ring| {
@@ -113,7 +115,7 @@ impl Body {
         Ok(Self { coarse: full.clone(), full, textured, half: f64::INFINITY })
     }
 
-    /// A point of the coarse surface and the normal there.
+    /// Returns a point of the coarse surface and the normal there.
     fn point(&self, random: &mut StdRng) -> (DVec3, DVec3) {
         let [a, b, c] = self.coarse.corners(random.random_range(0..self.coarse.triangles().len()));
         let (u, v): (f64, f64) = (random.random_range(0.0..1.0), random.random_range(0.0..1.0));
@@ -121,10 +123,10 @@ impl Body {
     }
 }
 
-/// Half the side of plates, m.
+/// Half the side of the plates, m.
 const PLATE: f64 = 0.025;
 
-/// A vertex at the middle of each texel.
+/// Returns a mesh with a vertex at the middle of each texel.
 fn relief(image: &HeightImage) -> Result<TriMesh, Box<dyn Error>> {
     let (width, height) = (image.width(), image.height());
     let at = |index: u32, count: u32| ((f64::from(index) + 0.5) / f64::from(count) * 2.0 - 1.0) * PLATE;
@@ -138,7 +140,8 @@ fn relief(image: &HeightImage) -> Result<TriMesh, Box<dyn Error>> {
     Ok(TriMesh::new(vertices.collect(), cells.collect())?)
 }
 
-/// Triangles of a full mesh that face along n (or against it) within a contact's grid, in its frame, by cells.
+/// Triangles of a full mesh that face along n (or against it) within a contact's grid, in its frame, by
+/// cells.
 struct Seen {
     triangles: Vec<[DVec3; 3]>,
     cells: Vec<Vec<u32>>,
@@ -146,7 +149,7 @@ struct Seen {
     side: f64,
 }
 
-/// Cells along a side.
+/// Number of cells along a side.
 const CELLS: usize = 64;
 
 impl Seen {
@@ -157,6 +160,7 @@ impl Seen {
         let mut seen = Self { triangles: Vec::new(), cells: vec![Vec::new(); CELLS * CELLS], half, side };
         for triangle in 0..mesh.triangles().len() {
             let corners = mesh.corners(triangle);
+            // In the contact's frame: u, v along the grid, z along the normal.
             let [a, b, c] = corners.map(|corner| axes * (pose.transform_point(corner) - contact.point));
             let (low, high) = (a.min(b).min(c), a.max(b).max(c));
             let inside = low.truncate().max_element() < half && high.truncate().min_element() > -half;
@@ -178,11 +182,12 @@ impl Seen {
         ((at / self.half + 1.0) * 0.5 * CELLS as f64).clamp(0.0, CELLS as f64 - 1.0) as usize
     }
 
-    /// The outermost surface at a place.
+    /// Returns the height of the outermost surface at a place.
     fn height(&self, at: DVec2) -> Option<f64> {
         let cell = &self.cells[self.cell(at.y) * CELLS + self.cell(at.x)];
         let height = |&index: &u32| {
             let [a, b, c] = self.triangles[index as usize];
+            // Barycentric weights of the place in the triangle's projection.
             let area = (b - a).truncate().perp_dot((c - a).truncate());
             let [p, q, r] = [a, b, c].map(|corner| corner.truncate() - at);
             let weights = [q.perp_dot(r), r.perp_dot(p), p.perp_dot(q)].map(|weight| weight / area);
@@ -192,7 +197,7 @@ impl Seen {
         cell.iter().filter_map(height).max_by(|x, y| (self.side * x).total_cmp(&(self.side * y)))
     }
 
-    /// The largest overlap with another one at this one's vertices, and where.
+    /// Returns the largest overlap with another surface at this one's vertices, and its place.
     fn largest(&self, other: &Self, field: f64) -> (f64, DVec2) {
         let mut largest = (f64::NEG_INFINITY, DVec2::ZERO);
         for corner in self.triangles.iter().flatten() {
@@ -210,7 +215,7 @@ impl Seen {
     }
 }
 
-/// A contact at random places of both coarse surfaces, pressed in by the surfaces' detail.
+/// Returns a contact at random places of both coarse surfaces, pressed in by the surfaces' detail.
 fn random_contact(
     [a, b]: [&Body; 2],
     ids: [palpate::texture_pd::SurfaceId; 2],
@@ -235,7 +240,7 @@ fn random_contact(
     }
 }
 
-/// Errors and times of a pair by grid, m and s.
+/// Prints errors and times of a pair by grid, m and s.
 fn compare(name: &str, bodies: [&Body; 2], contacts: usize) -> Result<(), Box<dyn Error>> {
     let mut random = StdRng::seed_from_u64(SEED);
     let mut surfaces = SurfaceSet::default();
@@ -251,7 +256,7 @@ fn compare(name: &str, bodies: [&Body; 2], contacts: usize) -> Result<(), Box<dy
         let [a, b] =
             [seen[0].largest(&seen[1], contact.half_size), seen[1].largest(&seen[0], contact.half_size)];
         let (depth, at) = if a.0 > b.0 { a } else { b };
-        if !depth.is_finite() || at.abs().max_element() > INNER * contact.half_size {
+        if !depth.is_finite() || at.abs().max_element() > INNER_SHARE * contact.half_size {
             left_out += 1;
             continue;
         }
@@ -280,7 +285,7 @@ fn compare(name: &str, bodies: [&Body; 2], contacts: usize) -> Result<(), Box<dy
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
-    // Coarse sizes are about those of Table 4.1, or the smallest that the models come in.
+    // Coarse sizes are near those of Table 4.1, or the smallest of the models.
     let block = Body::baked("block", 300, 0.0001, 0.004)?;
     let gear = Body::baked("gear", 1_600, 0.0002, 0.004)?;
     let hammer = Body::baked("hammer", 804, 0.0002, 0.004)?;

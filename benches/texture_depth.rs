@@ -1,9 +1,9 @@
-//! Time of the directional penetration depth of textured surfaces (§4.4): two bumpy plates of 200 triangles each, displaced by
-//! ridges, in 7 contacts (the most of Fig. 4.16), by the size of the grid.
+//! Time of the directional penetration depth of textured surfaces (§4.4): two bumpy plates of 200 triangles
+//! each, displaced by ridges, in 7 contacts (the most of Fig. 4.16), by the size of the grid.
 //!
-//! `cargo bench -p palpate-benches --bench texture_depth`, criterion's group `texture_depth`. The processor's backend is
-//! measured; with `-- GPU` the GPU's is instead. `valgrind --tool=callgrind` on the same program with the arguments
-//! `count GRID TIMES` counts the instructions of the processor's.
+//! `cargo bench -p palpate-benches --bench texture_depth`, criterion's group `texture_depth`. The processor's
+//! backend is measured; with `-- GPU` the GPU's is instead. `valgrind --tool=callgrind` on the same program
+//! with the arguments `count GRID TIMES` counts the instructions of the processor's.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "a program that reports to the console")]
 
@@ -20,10 +20,10 @@ use palpate::texture_pd::{
 };
 use palpate::{Pose, TriMesh};
 
-/// Half the plates' side and half the grid's, m.
+/// Half the side of the plates and of the grid, m.
 const HALF: f64 = 0.05;
 const WINDOW: f64 = 0.005;
-/// Cells of a plate along its side, and texels.
+/// Number of cells along a plate's side, and of texels.
 const CELLS: u32 = 10;
 const TEXELS: u32 = 1024;
 
@@ -32,7 +32,8 @@ struct Scene {
     contacts: Vec<TextureContact>,
 }
 
-/// A plate with waves of 1 mm along its mesh and ridges of 0.2 mm in its texture, `length` apart (m), at an angle.
+/// Returns a plate with waves of 1 mm in its mesh and ridges of 0.2 mm in its texture, `length` apart (m), at
+/// an angle.
 fn plate(length: f64, angle: f64) -> Arc<TexturedSurface> {
     let at = |i: u32| {
         let index = DVec2::new((i % (CELLS + 1)).into(), (i / (CELLS + 1)).into());
@@ -127,8 +128,8 @@ fn main() {
     criterion.final_summary();
 }
 
-/// The backend that is asked for, and its name among the measurements: it is by them, as criterion's filter, that the GPU's is
-/// chosen.
+/// Returns the requested backend, and its name among the measurements, by which criterion's filter selects
+/// the GPU's.
 fn backend(arguments: &[String]) -> (&'static str, Box<dyn Backend>) {
     #[cfg(feature = "gpu")]
     if arguments.iter().any(|argument| argument.starts_with("GPU")) {

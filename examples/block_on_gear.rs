@@ -1,5 +1,5 @@
-//! A ridged block is dragged across the teeth of a gear, along them, and lifted (Fig. 4.14 of the dissertation): it climbs over the teeth
-//! in steps, and feels next to nothing along them.
+//! Ridged block that is dragged across the teeth of a gear, along them, and lifted (Fig. 4.14 of the
+//! dissertation): it climbs over the teeth in steps, and feels almost nothing along them.
 //!
 //! `cargo run --release --features textures --example block_on_gear`
 
@@ -12,7 +12,7 @@ use palpate::settings::{SearchSettings, TextureSettings};
 use palpate::{HapticRenderer, Pose, Scene, Settings};
 use palpate_examples::{Options, detailed, path, say, smooth};
 
-/// Half the block's height, m, and where the rim of the gear is above its middle.
+/// Half the block's height, m, and height of the gear's rim above its middle, m.
 const HALF_BLOCK: f64 = 0.018;
 const RIM: f64 = 0.0306;
 
@@ -20,7 +20,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let options = Options::parse("Renders a block on a gear")?;
     let block = detailed("block", 300, 2e-4)?;
     let gear = detailed("gear", 1600, 2e-4)?;
-    // The gear stands upright, its axis along x as the block's ridges.
+    // The gear stands upright, with its axis along x like the block's ridges.
     let upright = Pose::new(DVec3::ZERO, DQuat::from_rotation_y(FRAC_PI_2));
     let path = path(options.seconds, |time| dragging(time, options.seconds))?;
     let device = Emulation::default().open(path)?;
@@ -38,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Where the hand means the block to be: down onto the gear, across its teeth there and back, along them,
+/// Returns the intended pose of the block: down onto the gear, across its teeth there and back, along them,
 /// and up.
 fn dragging(time: f64, seconds: f64) -> Pose {
     let touching = HALF_BLOCK + RIM;

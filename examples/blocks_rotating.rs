@@ -1,5 +1,5 @@
-//! A ridged block lies on another one, ridges in grooves, and is turned to and fro (Fig. 4.15 of the dissertation): it rises
-//! as it turns, and a torque opposes.
+//! Ridged block that lies on another one, ridges in grooves, and is turned to and fro (Fig. 4.15 of the
+//! dissertation): it rises as it turns, and a torque opposes.
 //!
 //! `cargo run --release --features textures --example blocks_rotating`
 
@@ -12,9 +12,9 @@ use palpate::settings::{SearchSettings, TextureSettings};
 use palpate::{HapticRenderer, Pose, Scene, Settings};
 use palpate_examples::{Options, detailed, path, say, smooth};
 
-/// A block's height, m.
+/// Height of a block, m.
 const HEIGHT: f64 = 0.036;
-/// How far the hand turns the block to either side, rad.
+/// Rotation of the block to either side, rad.
 const TURN: f64 = 0.15;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Where the hand means the block to be: down onto the other one, and turned to and fro three times.
+/// Returns the intended pose of the block: down onto the other one, and turned to and fro three times.
 fn turning(time: f64, seconds: f64) -> Pose {
     let part = time / seconds;
     let down = smooth((part - 0.05) / 0.1);

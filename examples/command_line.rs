@@ -6,33 +6,34 @@ use std::io::{Write as _, stdout};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// An example's command line.
+/// Command line of an example.
 #[derive(Debug)]
 pub struct CommandLine(pico_args::Arguments);
 
 impl CommandLine {
-    /// With `--help`, prints what the example does and its options, a line each, and ends the program.
+    /// Parses the command line. With `--help`, prints what the example does and its options, one per line,
+    /// and exits.
     #[must_use]
     pub fn new(about: &str, options: &[&str]) -> Self {
         let mut arguments = pico_args::Arguments::from_env();
         if arguments.contains(["-h", "--help"]) {
             let options: String = options.iter().map(|option| format!("  {option}\n")).collect();
-            // If nobody can read it, so be it.
+            // An error means that nobody can read the output.
             let _ = write!(stdout(), "{about}\n\nOptions:\n{options}  --help\n");
             std::process::exit(0);
         }
         Self(arguments)
     }
 
-    /// Whether an option without a value is given.
+    /// Returns whether an option without a value is given.
     pub fn flag(&mut self, name: &'static str) -> bool {
         self.0.contains(name)
     }
 
-    /// An option's value, or what it is where it is not given.
+    /// Returns an option's value, or its default.
     ///
     /// # Errors
-    /// If the value is missing or cannot be understood.
+    /// If the value is missing or cannot be parsed.
     pub fn value<T>(&mut self, name: &'static str, default: T) -> Result<T, Box<dyn Error>>
     where
         T: FromStr<Err: Display>,
@@ -40,7 +41,7 @@ impl CommandLine {
         Ok(self.0.opt_value_from_str(name)?.unwrap_or(default))
     }
 
-    /// The length of a session, s.
+    /// Returns the length of a session, s.
     ///
     /// # Errors
     /// If it is not above 0 and at most an hour.
@@ -52,10 +53,10 @@ impl CommandLine {
             .ok_or_else(|| format!("--seconds {seconds}: give more than 0, at most 3600").into())
     }
 
-    /// What is neither an option nor its value.
+    /// Returns the arguments that are not options.
     ///
     /// # Errors
-    /// If an option is left that the example does not have.
+    /// If there is an option that the example does not have.
     pub fn others(self) -> Result<Vec<String>, Box<dyn Error>> {
         let others: Vec<String> =
             self.0.finish().into_iter().map(|word| word.to_string_lossy().into_owned()).collect();
@@ -65,10 +66,10 @@ impl CommandLine {
         }
     }
 
-    /// The end of a command line that has options alone.
+    /// Ends a command line that has only options.
     ///
     /// # Errors
-    /// If anything is left.
+    /// If an argument remains.
     pub fn finish(self) -> Result<(), Box<dyn Error>> {
         match self.others()?.first() {
             None => Ok(()),
@@ -77,29 +78,29 @@ impl CommandLine {
     }
 }
 
-/// What the user may choose about a session.
+/// Options of a session.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
     /// Whether to run on a simulated clock.
     pub lockstep: bool,
-    /// How long to render, s.
+    /// Length of the session, s.
     pub seconds: f64,
-    /// Folder for the recording and the report; `target/NAME` where none is given.
+    /// Folder for the recording and the report; `target/NAME` by default.
     pub output: Option<PathBuf>,
 }
 
 impl Options {
-    /// Their lines in `--help`.
+    /// Lines of these options in `--help`.
     pub const HELP: [&str; 3] = [
-        "--lockstep     Run on a simulated clock in one thread: the result is the same each time",
+        "--lockstep     Run on a simulated clock in one thread: the result is reproducible",
         "--seconds S    Render for so long, at most an hour [default: 10]",
         "--output DIR   Write the recording and the report there [default: target/NAME]",
     ];
 
-    /// The options of an example that has no others.
+    /// Parses a command line without other options.
     ///
     /// # Errors
-    /// If one cannot be understood, or there are others.
+    /// If an option cannot be parsed, or there are others.
     pub fn parse(about: &str) -> Result<Self, Box<dyn Error>> {
         let mut line = CommandLine::new(about, &Self::HELP);
         let options = Self::take(&mut line)?;
@@ -107,10 +108,10 @@ impl Options {
         Ok(options)
     }
 
-    /// Takes them from a command line.
+    /// Takes the options from a command line.
     ///
     /// # Errors
-    /// If one cannot be understood.
+    /// If an option cannot be parsed.
     pub fn take(line: &mut CommandLine) -> Result<Self, Box<dyn Error>> {
         let output: String = line.value("--output", String::new())?;
         Ok(Self {

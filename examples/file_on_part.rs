@@ -1,4 +1,5 @@
-//! A file scrapes a rough CAD part (Fig. 4.13 of the dissertation): an emulated hand presses, scrubs and twists it.
+//! File that scrapes a rough CAD part (Fig. 4.13 of the dissertation): an emulated hand presses, scrubs and
+//! twists it.
 //!
 //! `cargo run --release --features textures --example file_on_part`
 

@@ -1,7 +1,8 @@
-//! Forceps of two jaws and a hinge (§6.2.3 of the dissertation): an emulated hand moves them over an ellipsoid, closes them on it,
-//! pulls, opens, draws them back and closes them on nothing.
+//! Forceps of two jaws and a hinge (§6.2.3 of the dissertation): an emulated hand moves them over an
+//! ellipsoid, closes them on it, pulls, opens, draws them back and closes them without an object.
 //!
-//! `cargo run --release --example forceps`, on a simulated clock; `-- --real-time` runs it in real time. A row a step goes to `target/forceps/recording.csv`.
+//! `cargo run --release --example forceps`, on a simulated clock; `-- --real-time` runs it in real time. A
+//! row per step goes to `target/forceps/recording.csv`.
 
 use std::convert::Infallible;
 use std::error::Error;
@@ -16,13 +17,12 @@ use palpate::tool::{HingedRecord, HingedTool};
 use palpate::{ContactTiming, HapticRenderer, Pose, RecordWriter, Scene, Settings};
 use palpate_examples::{CommandLine, open, path, say, smooth};
 
-/// Length of the session, and the times at which the jaws are closed on the ellipsoid, are pulled, and are closed
-/// on nothing, s.
+/// Length of the session, and times at which the jaws are closed on the ellipsoid, are pulled, and are closed
+/// without an object, s.
 const SECONDS: f64 = 10.0;
 const CLOSED: f64 = 3.0;
 const PULLED: f64 = 5.0;
 const EMPTY: f64 = 9.2;
-/// Period of the haptic loop, s.
 /// Angle to which the hand opens the jaws, rad.
 const OPEN: f64 = 0.6;
 /// Intended angle beyond closed when squeezing, rad.
@@ -48,7 +48,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         masses: [0.05; 2],
         stop_stiffness: 100.0,
     };
-    // Its shortest axis lies across the jaws.
+    // The shortest axis of the ellipsoid is across the jaws.
     let across = Pose::new(DVec3::X * 0.045, DQuat::from_rotation_x(FRAC_PI_2));
     let scene = Scene::new().with(open("ellipsoid")?, across);
     let device = Emulation::default().open(path(SECONDS, hand)?)?;
@@ -78,17 +78,18 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Rises smoothly from 0 to 1 between two times (s).
+/// Returns a smooth step from 0 to 1 between two times (s).
 fn ramp(from: f64, to: f64, time: f64) -> f64 {
     smooth((time - from) / (to - from))
 }
 
-/// Intended closing of the gripper at a time (s), 0 to 1.
+/// Returns the intended closing of the gripper at a time (s), 0 to 1.
 fn closing(time: f64) -> f64 {
     ramp(1.2, 2.5, time) - ramp(5.5, 6.5, time) + ramp(7.8, 8.8, time) - ramp(9.3, SECONDS, time)
 }
 
-/// Intended pose of the first jaw at a time (s): turned back by half the opening, so that the jaws open to both sides.
+/// Returns the intended pose of the first jaw at a time (s): turned back by half the opening, so that the
+/// jaws open to both sides.
 fn hand(time: f64) -> Pose {
     let back = 0.07 * (1.0 - ramp(0.2, 1.2, time) + ramp(6.5, 7.6, time));
     let pull = PULL * (ramp(CLOSED, PULLED - 0.5, time) - ramp(PULLED, 5.5, time));
@@ -96,7 +97,7 @@ fn hand(time: f64) -> Pose {
     Pose::new(DVec3::new(-back, 0.0, pull), DQuat::from_rotation_z(-half))
 }
 
-/// Intended angle of the gripper (rad) and its rate (rad/s) at a time (s).
+/// Returns the intended angle of the gripper (rad) and its rate (rad/s) at a time (s).
 fn fingers(time: f64) -> (f64, f64) {
     let angle = |time: f64| OPEN - (OPEN + SQUEEZE) * closing(time);
     // A central difference is close enough for the fingers' damper.
@@ -133,7 +134,7 @@ fn report(records: &[HingedRecord]) -> std::io::Result<()> {
     say("largest force on the hand", format_args!("{:.2} N", most(|record| record.coupling.force.length())))
 }
 
-/// Writes the recording; gives its path.
+/// Writes the recording and returns its path.
 fn write(folder: &Path, records: &[HingedRecord]) -> Result<PathBuf, Box<dyn Error>> {
     std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let file = folder.join("recording.csv");

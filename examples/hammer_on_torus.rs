@@ -1,4 +1,5 @@
-//! A hammer touches a wrinkled torus (Fig. 4.12 of the dissertation): an emulated hand presses, scrubs and twists it.
+//! Hammer that touches a wrinkled torus (Fig. 4.12 of the dissertation): an emulated hand presses, scrubs and
+//! twists it.
 //!
 //! `cargo run --release --features textures --example hammer_on_torus`
 

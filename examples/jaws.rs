@@ -1,4 +1,5 @@
-//! An emulated hand moves an upper jaw over a lower one: it opens, closes, grinds sideways and back and forth, and opens.
+//! An emulated hand moves an upper jaw over a lower one: it opens, closes, grinds sideways and back and
+//! forth, and opens.
 //!
 //! `cargo run --release --example jaws`
 
@@ -17,7 +18,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let path = path(options.seconds, chewing)?;
     let device = Emulation::default().open(path)?;
     let scene = Scene::new().with(lower, Pose::IDENTITY);
-    // Contact begins at 0.1 mm: a small part of the teeth's relief.
+    // Contact begins at 0.1 mm, a small part of the relief of the teeth.
     let settings = Settings {
         search: SearchSettings { tolerance: Some(1e-4), ..SearchSettings::default() },
         ..Settings::default()
@@ -27,8 +28,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Where the hand means the upper jaw to be. The jaws are closed when their frames coincide; the hand bites
-/// 3 mm further, which its springiness turns into a force.
+/// Returns the intended pose of the upper jaw. The jaws are closed when their frames coincide; the hand bites
+/// 3 mm further, which its stiffness turns into a force.
 fn chewing(time: f64) -> Pose {
     const OPEN: f64 = 8e-3;
     const BITE: f64 = -3e-3;

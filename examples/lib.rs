@@ -1,5 +1,5 @@
-//! What the examples of palpate share: `cargo run --release --example jaws` renders ten seconds in real time and writes a
-//! recording and a report; `-- --lockstep` does the same on a simulated clock, with the same result each time.
+//! Shared by the examples of palpate: `cargo run --release --example jaws` renders ten seconds in real time
+//! and writes a recording and a report; `-- --lockstep` does the same on a simulated clock, reproducibly.
 
 mod command_line;
 
@@ -22,15 +22,15 @@ use palpate_report::{Machine, Rendered, Report};
 
 pub use command_line::{CommandLine, Options};
 
-/// Edges of coarse meshes that are sharp, rad.
+/// Angle from which edges of coarse meshes are creases, rad.
 const CREASE: f64 = 0.6;
 
 impl Options {
-    /// Runs the session of the example of that name, writes its recording and its report, and prints what was measured.
-    /// Contacts are found 500 times a second on the simulated clock.
+    /// Runs the session of the example of that name, writes its recording and its report, and prints the
+    /// results. On the simulated clock, contacts are found 500 times a second.
     ///
     /// # Errors
-    /// If a file cannot be written, or the session cannot be started.
+    /// If a file cannot be written, or the session cannot start.
     pub fn render(
         &self,
         name: &str,
@@ -72,7 +72,7 @@ impl Options {
     }
 }
 
-/// Writes a report with plots, and says so.
+/// Writes a report with plots, and prints its path.
 ///
 /// # Errors
 /// If it cannot be written.
@@ -91,7 +91,7 @@ pub fn write_report(
     Ok(say("written", shown(file).display())?)
 }
 
-/// A mesh file, a .clod file or a built-in model, with its hierarchy built or from the cache.
+/// Opens a mesh file, a .clod file or a built-in model, with its hierarchy built or from the cache.
 ///
 /// # Errors
 /// If there is no such file or model, or the mesh cannot be used.
@@ -100,10 +100,10 @@ pub fn open(name: &str) -> Result<Object, Box<dyn Error>> {
     Ok(object)
 }
 
-/// Several objects, opened side by side.
+/// Opens several objects in parallel.
 ///
 /// # Errors
-/// As [`open`].
+/// The same as [`open`].
 pub fn open_all<const N: usize>(names: [&str; N]) -> Result<[Object; N], Box<dyn Error>> {
     let bars = MultiProgress::new();
     let opened = std::thread::scope(|scope| {
@@ -124,8 +124,8 @@ fn open_one(name: &str, bars: &MultiProgress) -> Result<Object, OpenError> {
     let mut shown = None;
     let object = Object::open(name, &OpenOptions::default(), &mut |stage, fraction| {
         let bar = shown.get_or_insert_with(|| {
-            // Where there is no bar to be seen, a line says what takes its time.
-            let _ = bars.suspend(|| say(name, "building contact levels of detail, kept for the next time"));
+            // If progress bars are hidden, a line says why it takes time.
+            let _ = bars.suspend(|| say(name, "building contact levels of detail, cached for the next run"));
             bars.add(bar(name))
         });
         bar.set_message(format!("{name}: {stage}"));
@@ -138,10 +138,11 @@ fn open_one(name: &str, bars: &MultiProgress) -> Result<Object, OpenError> {
     object
 }
 
-/// A built-in model at so many triangles, with a texture of texels of a size (m) that is baked from it at full resolution.
+/// Returns a built-in model with so many triangles and a texture, with texels of a size (m), baked from it at
+/// full resolution.
 ///
 /// # Errors
-/// If there is no such model, or it does not come in that size.
+/// If there is no such model, or it cannot have that size.
 pub fn detailed(name: &str, coarse: usize, texel: f64) -> Result<Object, Box<dyn Error>> {
     let bar = bar(name);
     bar.set_message(format!("{name}: baking"));
@@ -159,12 +160,12 @@ pub fn detailed(name: &str, coarse: usize, texel: f64) -> Result<Object, Box<dyn
     Ok(object)
 }
 
-/// Where the hand means an object to be, by the time (s), as 100 poses a second.
+/// Returns the intended path of an object as 100 poses a second, from the pose at a time (s).
 ///
 /// # Errors
 /// If a pose is out of a path's range.
 pub fn path(seconds: f64, intended: impl Fn(f64) -> Pose) -> Result<MotionPath, PathError> {
-    // A little longer than the session, so that the hand never comes to the end of its path.
+    // Slightly longer than the session, so that the hand never reaches the end of its path.
     let samples = ((seconds + 0.1) * 100.0) as usize + 1;
     let keyframe = |sample: usize| {
         let time = sample as f64 / 100.0;
@@ -176,25 +177,25 @@ pub fn path(seconds: f64, intended: impl Fn(f64) -> Pose) -> Result<MotionPath, 
 /// Prints a line of a table.
 ///
 /// # Errors
-/// If the terminal has gone.
+/// If the terminal is closed.
 pub fn say(name: &str, value: impl std::fmt::Display) -> std::io::Result<()> {
     writeln!(stdout(), "{name:36}{value}")
 }
 
-/// From 0 at 0 to 1 at 1, with no slope at either.
+/// Returns a smooth step from 0 at 0 to 1 at 1, with zero slope at both.
 pub fn smooth(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
 
-/// A progress bar on the terminal, from 0 to 1000.
+/// Returns a progress bar on the terminal, from 0 to 1000.
 fn bar(message: &str) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg:36}{bar:30} {percent:>3} %, {eta} left");
     let bar = ProgressBar::new(1000).with_message(message.to_owned());
     if let Ok(style) = style { bar.with_style(style) } else { bar }
 }
 
-/// The absolute path, to be found from anywhere.
+/// Returns the absolute path.
 fn shown(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| path.to_owned())
 }

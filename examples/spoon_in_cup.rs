@@ -1,7 +1,8 @@
-//! A spoon falls into a cup, bounces, slides along the wall and comes to rest: rigid-body simulation with contact levels of detail,
-//! on a simulated clock, with no haptic device (§3.5.4, Fig. 3.17).
+//! Spoon that falls into a cup, bounces, slides along the wall and comes to rest: rigid-body simulation with
+//! contact levels of detail, on a simulated clock, without a haptic device (§3.5.4, Fig. 3.17).
 //!
-//! `cargo run --release --example spoon_in_cup`, and with `-- --metric velocity`, `view` or `exact` at another resolution.
+//! `cargo run --release --example spoon_in_cup`, and with `-- --metric velocity`, `view` or `exact` at
+//! another resolution.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -16,30 +17,30 @@ use palpate_examples::{CommandLine, open, say};
 use palpate_report::{Curve, Figure, draw};
 use palpate_rigid_body::{BodyState, RigidBody, Settings, Simulation};
 
-/// s₀ as part of the spoon's radius (§3.5.4); with the velocity metric, at 1 m/s.
+/// Error threshold s₀ relative to the spoon's radius (§3.5.4); with the velocity metric, at 1 m/s.
 const ERROR: f64 = 0.035;
-/// d likewise.
+/// Tolerance d relative to the spoon's radius.
 const TOLERANCE: f64 = 1e-3;
-/// A picture with a field of view of 45° of what is at the origin.
+/// View of the origin with a field of view of 45°.
 const VIEW: ViewMetric =
     ViewMetric { pixels: 2.0, camera: DVec3::new(0.0, -1.0, 0.1), near: 0.1, frustum: 0.083, image: 1000.0 };
 /// Duration of a step, s.
 const STEP: f64 = 1e-3;
-/// kg.
+/// Mass of the spoon, kg.
 const MASS: f64 = 0.05;
-/// A spoon that has not moved for so long is at rest, s.
-const REST: f64 = 0.5;
+/// Time without motion after which the spoon counts as at rest, s.
+const REST_TIME: f64 = 0.5;
 
-/// Where detail is left out.
+/// Metric that decides which detail is left out.
 #[derive(Clone, Copy, Debug)]
 enum Metric {
-    /// Nowhere
+    /// No detail
     Exact,
-    /// Where it is below 3.5 % of the spoon's radius
+    /// Detail below 3.5 % of the spoon's radius
     Haptic,
-    /// Where it is below that part of the radius that the speed is of 1 m/s
+    /// Detail below 3.5 % of the radius times the speed over 1 m/s
     Velocity,
-    /// Where it is below two pixels of a picture of 1000 × 1000, seen from a metre away
+    /// Detail below two pixels of a picture of 1000 × 1000, seen from a metre away
     View,
 }
 
@@ -92,7 +93,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (mut first_hit, mut deepest, mut rising) = (None, 0.0f64, 0usize);
     let began = simulation.energy();
     let clock = Instant::now();
-    while simulation.time() < seconds && simulation.still_for() < REST {
+    while simulation.time() < seconds && simulation.still_for() < REST_TIME {
         let outcome = simulation.step(STEP)?;
         let time = simulation.time();
         let nodes = simulation.samples().last().map_or(0, |sample| sample.outcome.front);
@@ -135,7 +136,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         "energy",
         format_args!("{:.1} mJ at first, {:.1} mJ at last", 1e3 * began, 1e3 * simulation.energy()),
     )?;
-    if simulation.still_for() >= REST {
+    if simulation.still_for() >= REST_TIME {
         say("at rest after", format_args!("{:.3} s", time - simulation.still_for()))?;
     } else {
         say("at rest after", format_args!("not in {time:.1} s"))?;
@@ -158,7 +159,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Bowl first and leaning, over the middle of the mouth.
+/// Returns the initial state: bowl first, leaning, over the middle of the mouth.
 fn above(body: &RigidBody, spoon: &Object, cup: &Object) -> BodyState {
     const GAP: f64 = 5e-3;
     let upright = DQuat::from_rotation_y(-0.5 * std::f64::consts::PI);

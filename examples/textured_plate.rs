@@ -1,7 +1,8 @@
-//! A probe with a round tip explores a plate with ridges 8 mm high, a flat plate with a texture: from left to right, and faster
-//! back (§5.5.4 of the dissertation).
+//! Probe with a round tip that explores a plate with ridges 8 mm high, which is a flat plate with a texture:
+//! from left to right, and faster back (§5.5.4 of the dissertation).
 //!
-//! `cargo run --release --features textures --example textured_plate`; `-- --flat` for the plate without its texture.
+//! `cargo run --release --features textures --example textured_plate`; `-- --flat` for the plate without its
+//! texture.
 
 use std::error::Error;
 use std::f64::consts::TAU;
@@ -18,12 +19,12 @@ use palpate_examples::{CommandLine, Options, open, path, smooth};
 /// Height of the ridges, and their distance, m.
 const HEIGHT: f64 = 8e-3;
 const SPACING: f64 = 0.04;
-/// Texels from crest to crest.
+/// Number of texels from crest to crest.
 const TEXELS: u32 = 64;
 /// Radius of the probe's tip, m.
 const TIP: f64 = 0.01;
 
-/// Its options beside those of every session.
+/// Options beyond those of every session.
 const HELP: [&str; 2] =
     ["--flat         Leave the texture out", "--stiffness K  Contact stiffness, N/m [default: 2000]"];
 
@@ -55,7 +56,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The plate with an image of one ridge, which is repeated.
+/// Returns the plate with an image of one ridge, which is repeated.
 fn ridged_plate() -> Result<Object, Box<dyn Error>> {
     let wave = |i: u32| (TAU * (f64::from(i) + 0.5) / f64::from(TEXELS)).cos();
     let ridge = (0..TEXELS).map(|i| (0.5 * HEIGHT * wave(i)) as f32).collect();
@@ -66,8 +67,8 @@ fn ridged_plate() -> Result<Object, Box<dyn Error>> {
     Ok(Object::textured("plate with ridges", &mesh, &image, 0.5)?)
 }
 
-/// Where the hand means the tip to be: down onto the plate and 1 cm further, to the right in half of
-/// the time that is left, and back in half of that.
+/// Returns the intended pose of the tip: down onto the plate and 1 cm further, to the right in half of the
+/// remaining time, and back in half of that.
 fn strokes(time: f64, seconds: f64) -> Pose {
     let above = TIP + 0.5 * HEIGHT + 0.002;
     let part = time / seconds;

@@ -1,8 +1,8 @@
-//! Any device, any two models: what is felt, live in the terminal.
+//! Any device, any two models: contact force, live in the terminal.
 //!
 //! `cargo run --release --features terminal --example feel -- [PROBE SCENE] --device ADDRESS`
 //!
-//! Without a device of one's own the keys move an emulated hand. Where the output is not a terminal, the hand explores the
+//! Without a device, the keys move an emulated hand. If the output is not a terminal, the hand explores the
 //! scene by itself, and only the summary is printed.
 
 mod screen;
@@ -22,7 +22,7 @@ use palpate_examples::{CommandLine, open, say, write_report};
 use palpate_report::{Live, Rendered};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-/// How far a key moves the hand, in bounding radii of the probe, and turns it, rad.
+/// Displacement of the hand per key press, bounding radii of the probe, and rotation, rad.
 const STEP: f64 = 0.02;
 const TURN: f64 = 0.05;
 /// Time between two drawings.
@@ -32,7 +32,7 @@ struct Arguments {
     probe: String,
     scene: String,
     device: String,
-    /// s.
+    /// Length of the session, s.
     seconds: f64,
     workspace_scale: f64,
     friction: f64,
@@ -133,7 +133,7 @@ fn show(
     mut keep: impl FnMut(&Record) + Send,
 ) -> Result<Session, Box<dyn Error>> {
     let keys = if keyboard.is_some() { KEYS } else { "q ends" };
-    // Records are taken in by the recorder's thread, which may wait; the haptic one never does.
+    // Records are received by the recorder's thread, which may wait; the haptic thread never does.
     let live = Mutex::new(live);
     let live = &live;
     let locked = || live.lock().unwrap_or_else(PoisonError::into_inner);
@@ -165,7 +165,7 @@ fn show(
     Ok(session)
 }
 
-/// Takes the keys that are pressed until the next drawing is due.
+/// Handles the keys that are pressed until the next drawing is due.
 fn take_keys(keyboard: &mut Option<Keyboard>, stop: &AtomicBool) -> std::io::Result<()> {
     let mut patience = FRAME;
     while event::poll(patience)? {
@@ -180,7 +180,7 @@ fn take_keys(keyboard: &mut Option<Keyboard>, stop: &AtomicBool) -> std::io::Res
     Ok(())
 }
 
-/// A terminal that is drawn on takes Ctrl-C as a key.
+/// Returns whether a key ends the session. Ctrl-C arrives as a key, since the terminal is in raw mode.
 fn ends(key: &KeyEvent) -> bool {
     let interrupted = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
     key.kind != KeyEventKind::Release
@@ -189,10 +189,10 @@ fn ends(key: &KeyEvent) -> bool {
 
 const KEYS: &str = "arrows: move in x and y   PageUp, PageDown or w, s: up and down   a, d: turn   q: end";
 
-/// Steers an emulated hand.
+/// Keys that steer an emulated hand.
 struct Keyboard {
     steering: Steering,
-    /// How far a key moves it, m.
+    /// Displacement per key press, m.
     step: f64,
 }
 

@@ -1,4 +1,4 @@
-//! What a session shows of itself, as text.
+//! Display of a session as text.
 
 use palpate::glam::DVec3;
 use ratatui::Frame;
@@ -9,7 +9,7 @@ use ratatui::widgets::{Block, Gauge, Paragraph, Sparkline};
 
 use palpate_report::{Extremes, Live, Rates};
 
-/// Draws it, under a title and over a line that says which keys there are.
+/// Draws the display, with a title above and the list of keys below.
 pub fn draw(frame: &mut Frame, live: &Live, title: &str, keys: &str) {
     let [head, bars, forces, depths, foot] = Layout::vertical([
         Constraint::Length(4),
@@ -31,7 +31,7 @@ pub fn draw(frame: &mut Frame, live: &Live, title: &str, keys: &str) {
 
     let most = live.most;
     let columns = |of: &dyn Fn(&Extremes) -> f64| -> Vec<u64> {
-        // As many as there is room for, the latest at the right.
+        // As many values as there is room for, the latest at the right.
         let room = frame.area().width.saturating_sub(2) as usize;
         let skipped = live.history.len().saturating_sub(room);
         live.history.iter().skip(skipped).map(|extremes| (of(extremes) * 1e6) as u64).collect()
@@ -56,7 +56,7 @@ pub fn draw(frame: &mut Frame, live: &Live, title: &str, keys: &str) {
     frame.render_widget(Line::from(keys.to_owned()), foot);
 }
 
-/// Rates, depth and contacts in words.
+/// Formats rates, depth and contacts.
 fn figures(live: &Live) -> Paragraph<'static> {
     let Rates { haptic, missed, contact } = live.rates;
     let Some(record) = live.latest else { return Paragraph::new("starting") };
@@ -74,7 +74,7 @@ fn figures(live: &Live) -> Paragraph<'static> {
     ])
 }
 
-/// A bar for the magnitude of a vector, and one for each of its parts.
+/// Draws a bar for the magnitude of a vector, and one for each component.
 fn draw_bars(frame: &mut Frame, area: Rect, name: &str, vector: DVec3, full: f64, unit: &str) {
     let block = Block::bordered().title(format!("{name}, of {full:.1} {unit}"));
     let rows = Layout::vertical([Constraint::Length(1); 4]).split(block.inner(area));

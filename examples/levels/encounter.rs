@@ -1,4 +1,4 @@
-//! How two models come into contact: the probe approaches until it touches, presses a little, slides to and fro and
+//! Contact between two models: the probe approaches until it touches, presses slightly, slides to and fro and
 //! turns.
 
 use std::f64::consts::TAU;
@@ -9,28 +9,28 @@ use palpate::core::Clod;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
 
-/// Poses of the approach, and of the sliding after it.
+/// Number of poses of the approach, and of the sliding after it.
 const APPROACH: usize = 20;
 const SLIDING: usize = 40;
 
-/// Lengths as fractions of the probe's bounding radius, and an angle, rad.
+/// Clearance, penetration and displacement relative to the probe's bounding radius, and rotation, rad.
 const CLEARANCE: f64 = 0.1;
 const PRESS: f64 = 0.01;
 const SLIDE: f64 = 0.05;
 const TURN: f64 = 0.05;
 
-/// The first touch is found to this fraction of the probe's bounding radius.
-const TOUCH: f64 = 1e-4;
+/// Resolution of the first touch, relative to the probe's bounding radius.
+const TOUCH_PRECISION: f64 = 1e-4;
 
-/// How the probe approaches the scene object, whose frame is the world's.
+/// Approach of the probe to the scene object, whose frame is the world's.
 struct Encounter {
-    /// Where it starts, apart from the scene object.
+    /// Pose at the start, apart from the scene object.
     start: Pose,
-    /// In which direction it goes; a unit vector.
+    /// Direction of the approach; a unit vector.
     direction: DVec3,
-    /// How far it slides along the surface, m.
+    /// Displacement along the surface, m.
     slide: f64,
-    /// The point, in its own frame, that it turns about.
+    /// Pivot of the rotation, in the probe's frame.
     pivot: DVec3,
 }
 
@@ -46,16 +46,16 @@ impl Encounter {
             pivot: probe.source.center,
         };
         match models {
-            // The knob's centre is the origin of both; in the socket there is room for nothing but turning.
+            // The knob's centre is the origin of both; the socket only leaves room to turn.
             [Model::BallJointBall, Model::BallJointSocket] => {
                 Self { start: Pose::IDENTITY, direction: DVec3::X, slide: 0.0, pivot: DVec3::ZERO }
             }
-            // The face's middle to the ball's centre.
+            // From the middle of the club's face to the ball's centre.
             [Model::GolfClub, Model::GolfBall] => {
                 let start = Pose::from_translation(DVec3::new(-2.0 * scene.bounding_radius(), 0.0, 0.0));
                 Self { start, direction: DVec3::X, pivot: DVec3::ZERO, ..falling }
             }
-            // The bowl first, within the cup, and the handle leaning towards its own side.
+            // Bowl first, inside the cup, with the handle leaning towards its own side.
             [Model::Spoon, Model::Cup] => {
                 let rotation = DQuat::from_rotation_y(-1.3);
                 Self { start: Pose::new(DVec3::new(0.017, 0.0, 0.136), rotation), ..falling }
@@ -65,10 +65,10 @@ impl Encounter {
     }
 }
 
-/// The probe's poses.
+/// Returns the probe's poses.
 ///
 /// # Errors
-/// If the probe is in contact from the start, or passes the scene object by.
+/// If the probe is in contact at the start, or misses the scene object.
 pub fn poses(models: [Model; 2], probe: &Clod, scene: &Clod) -> Result<Vec<Pose>, String> {
     let encounter = Encounter::between(models, probe, scene);
     let radius = probe.bounding_radius();
@@ -94,8 +94,8 @@ pub fn poses(models: [Model; 2], probe: &Clod, scene: &Clod) -> Result<Vec<Pose>
     Ok(approach.chain(sliding).collect())
 }
 
-/// How far the probe comes until it touches, m: by conservative advancement, where each step is no longer than the
-/// distance.
+/// Returns the distance at which the probe touches, m, by conservative advancement: each step is no longer
+/// than the separation.
 fn first_touch(encounter: &Encounter, probe: &Clod, scene: &Clod) -> Result<f64, String> {
     let radius = probe.bounding_radius();
     let farthest = 4.0 * (radius + scene.bounding_radius());
@@ -110,10 +110,10 @@ fn first_touch(encounter: &Encounter, probe: &Clod, scene: &Clod) -> Result<f64,
         if travel == 0.0 && distance == 0.0 {
             return Err("they are in contact from the start".to_owned());
         }
-        if distance < TOUCH * radius {
+        if distance < TOUCH_PRECISION * radius {
             return Ok(travel);
         }
         travel += distance;
     }
-    Err("they do not meet".to_owned())
+    Err("they do not touch".to_owned())
 }

@@ -1,9 +1,9 @@
-//! Compares the variants of the hierarchy of contact levels of detail (§3.6.2): what they make of a model, and what an
-//! exact contact query between two models costs with each.
+//! Compares variants of the hierarchy of contact levels of detail (§3.6.2): the hierarchy of a model, and the
+//! cost of an exact contact query between two models with each.
 //!
 //! `cargo run --release --example levels` does it for the models of Table 3.2, which takes minutes; `--
-//! upper-jaw/lower-jaw spoon@20000` for a pair in contact and for a model in contact with a copy of itself. All numbers
-//! are counts or lengths, the same on every machine, but for those that `--seconds` adds.
+//! upper-jaw/lower-jaw spoon@20000` for a pair in contact and for a model in contact with a copy of itself.
+//! All numbers are counts or lengths, the same on every machine, except those that `--seconds` adds.
 
 #![allow(clippy::print_stdout, reason = "it prints tables")]
 
@@ -22,7 +22,7 @@ use palpate::{Pose, TriMesh};
 use palpate_examples::CommandLine;
 use palpate_report::{Table32, grouped};
 
-/// The models of Table 3.2 in the pairs that come into contact.
+/// Models of Table 3.2 in pairs that come into contact.
 const PAIRS: [&str; 4] =
     ["upper-jaw/lower-jaw", "ball-joint-ball/ball-joint-socket", "golf-club/golf-ball", "spoon/cup"];
 
@@ -31,10 +31,10 @@ const HELP: [&str; 2] = [
     "--seconds      Also measure how long each build takes, one after the other",
 ];
 
-/// Contact begins at this part of the probe's bounding radius.
+/// Distance at which contact begins, relative to the probe's bounding radius.
 const TOLERANCE: f64 = 0.01;
 
-/// A variant's name, and what sets it apart.
+/// Name of a variant, and its build options.
 type Variant = (&'static str, fn(BuildOptions) -> BuildOptions);
 
 const VARIANTS: [Variant; 5] = [
@@ -45,7 +45,7 @@ const VARIANTS: [Variant; 5] = [
     ("not simplified", |options| BuildOptions { simplify: false, ..options }),
 ];
 
-/// A hierarchy, and how long it took, s.
+/// Hierarchy, and its build time, s.
 struct Built {
     clod: Clod,
     seconds: f64,
@@ -83,7 +83,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let mut contacts = None;
         for ((probe, scene), (variant, _)) in probes.iter().zip(scenes).zip(&VARIANTS) {
             let cost = Cost::of(&probe.clod, &scene.clod, &poses);
-            // They differ in what is above the leaves, which are to report the contacts.
+            // The variants differ above the leaves, which report the contacts.
             if contacts.is_some_and(|contacts| contacts != cost.contacts) {
                 return Err(format!("{} on {}: {variant} has other contacts", pair[0], pair[1]).into());
             }
@@ -105,7 +105,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// All variants of some models, on all cores unless one after the other.
+/// Builds all variants of some models, on all cores or one after the other.
 fn build_variants(
     names: &[&str],
     meshes: &BTreeMap<&str, (Model, TriMesh)>,
@@ -146,7 +146,7 @@ fn row_of_hierarchy(name: &str, variant: &str, built: &Built, seconds: bool) -> 
     let Built { clod, seconds: took } = built;
     let table = Table32::of(clod);
     let regular = clod.levels.iter().filter(|level| !level.free).count();
-    // Leaves have no descendants to be far from.
+    // Leaves have no descendants, so no h.
     let mut hausdorff: Vec<f64> =
         (1..regular).flat_map(|level| clod.level(level)).map(|node| node.hausdorff).collect();
     hausdorff.sort_unstable_by(f64::total_cmp);
@@ -171,7 +171,7 @@ fn row_of_hierarchy(name: &str, variant: &str, built: &Built, seconds: bool) -> 
     row
 }
 
-/// What the queries at some poses cost together.
+/// Total cost of the queries at some poses.
 #[derive(Default)]
 struct Cost {
     poses: usize,
@@ -197,7 +197,7 @@ impl Cost {
         cost
     }
 
-    /// The means over the poses.
+    /// Returns the means over the poses as a table row.
     fn row(&self, pair: &str, variant: &str) -> String {
         let [visited, convex_queries, front, contacts] =
             [self.visited, self.convex_queries, self.front, self.contacts]

@@ -1,9 +1,10 @@
-//! Distances between meshes over all pairs of triangles. Plain on purpose, and independent of what it is compared with.
+//! Distances between meshes over all pairs of triangles: simple on purpose, and independent of the code that
+//! is compared with it.
 
 use palpate::glam::DVec3;
 use palpate::{Pose, TriMesh};
 
-/// A triangle with a sphere around it.
+/// Triangle with a bounding sphere.
 #[derive(Clone, Copy, Debug)]
 struct Placed {
     corners: [DVec3; 3],
@@ -11,12 +12,13 @@ struct Placed {
     radius: f64,
 }
 
-/// Smallest distance (m) between the surfaces of two placed meshes, if it is below `limit`; 0 where they intersect.
+/// Returns the smallest distance (m) between the surfaces of two placed meshes, if it is below `limit`; 0
+/// where they intersect.
 ///
-/// Every pair of triangles whose bounding spheres are nearer than the best distance so far is measured.
+/// Measures every pair of triangles whose bounding spheres are nearer than the smallest distance so far.
 pub fn distance(a: &TriMesh, pose_a: &Pose, b: &TriMesh, pose_b: &Pose, limit: f64) -> Option<f64> {
     let (a, mut b) = (place(a, pose_a), place(b, pose_b));
-    // Along x, only those come in question that are within reach there.
+    // Sorted along x, so that only triangles within reach there are visited.
     b.sort_by(|s, t| s.center.x.total_cmp(&t.center.x));
     let largest = b.iter().map(|t| t.radius).fold(0.0, f64::max);
     let mut best = limit;
@@ -53,7 +55,7 @@ fn place(mesh: &TriMesh, pose: &Pose) -> Vec<Placed> {
         .collect()
 }
 
-/// Distance (m) between two triangles with a nearest point of each; 0 where they intersect.
+/// Returns the distance (m) between two triangles with a nearest point of each; 0 where they intersect.
 pub fn triangle_distance(a: &[DVec3; 3], b: &[DVec3; 3]) -> (f64, DVec3, DVec3) {
     for (first, second) in [(a, b), (b, a)] {
         for i in 0..3 {
@@ -80,7 +82,8 @@ pub fn triangle_distance(a: &[DVec3; 3], b: &[DVec3; 3]) -> (f64, DVec3, DVec3) 
     best
 }
 
-/// Where a segment crosses a triangle's plane inside the triangle; segments in the plane are left to the distances.
+/// Returns the point at which a segment crosses a triangle's plane inside the triangle. Segments in the plane
+/// are left to the distances.
 fn segment_crosses(p: DVec3, q: DVec3, triangle: &[DVec3; 3]) -> Option<DVec3> {
     let normal = (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]);
     let (height_p, height_q) = (normal.dot(p - triangle[0]), normal.dot(q - triangle[0]));
@@ -95,7 +98,7 @@ fn segment_crosses(p: DVec3, q: DVec3, triangle: &[DVec3; 3]) -> Option<DVec3> {
     inside.then_some(crossing)
 }
 
-/// The point of a triangle nearest to `p`.
+/// Returns the point of a triangle nearest to `p`.
 pub fn nearest_on_triangle(p: DVec3, triangle: &[DVec3; 3]) -> DVec3 {
     let normal = (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]);
     let inside = normal != DVec3::ZERO
@@ -126,7 +129,8 @@ fn nearest_on_segment(p: DVec3, from: DVec3, to: DVec3) -> DVec3 {
     from + along * ((p - from).dot(along) / length_squared).clamp(0.0, 1.0)
 }
 
-/// Nearest points of two segments: the interior solution where there is one, else the best of the four ends.
+/// Returns the nearest points of two segments: the interior solution where there is one, else the best of the
+/// four ends.
 fn nearest_on_segments(p0: DVec3, p1: DVec3, q0: DVec3, q1: DVec3) -> (DVec3, DVec3) {
     let mut best = (p0, nearest_on_segment(p0, q0, q1));
     let mut offer = |p: DVec3, q: DVec3| {
@@ -171,7 +175,7 @@ mod tests {
 
     #[test]
     fn nearest_points_beat_samples() {
-        // A grid of points of both triangles never comes nearer than the answer, and comes near to it.
+        // A grid of points on both triangles never comes nearer than the answer, and comes close to it.
         let other = [DVec3::new(0.3, 0.9, 0.4), DVec3::new(1.4, 0.8, 1.0), DVec3::new(0.9, 1.5, 0.2)];
         let (distance, p, q) = triangle_distance(&TRIANGLE, &other);
         assert!((p.distance(q) - distance).abs() < 1e-15);

@@ -1,5 +1,6 @@
-//! What a contact query should find: the pairs of triangles within a distance of each other, all of them, the connected
-//! regions that they make up, the local minima of the distance among them, and how deep the regions of intersection are.
+//! Expected results of a contact query: all pairs of triangles within a distance of each other, the connected
+//! regions that they form, the local minima of the distance among them, and the depths of the regions of
+//! intersection.
 
 use std::collections::HashMap;
 
@@ -9,16 +10,16 @@ use palpate::{Pose, TriMesh};
 use crate::brute_force::nearest_on_triangle;
 use crate::triangle_tree::TriangleTree;
 
-/// A mesh prepared for looking for close pairs.
+/// Mesh prepared for the search of close pairs.
 #[derive(Clone, Debug)]
 pub struct Surface {
-    /// The mesh, m.
+    /// Mesh, m.
     pub mesh: TriMesh,
-    /// Over its triangles.
+    /// Tree over its triangles.
     pub tree: TriangleTree,
-    /// Whether it bounds a solid, so that only the outside of its triangles can be touched.
+    /// Whether the mesh bounds a solid, so that only the outside of its triangles can be touched.
     pub solid: bool,
-    /// Triangles at each vertex.
+    /// Indices of the triangles at each vertex.
     around: Vec<Vec<u32>>,
 }
 
@@ -36,7 +37,8 @@ impl Surface {
         self.mesh.corners(triangle as usize).map(|corner| pose.transform_point(corner))
     }
 
-    /// The triangles that a point of one of them (m, the mesh at a pose) is part of, but for `same` (m).
+    /// Returns the triangles that contain a point of one of them (m, with the mesh at a pose), up to an error
+    /// of `same` (m).
     fn at(&self, point: DVec3, triangle: u32, pose: &Pose, same: f64) -> Vec<u32> {
         let vertices = self.mesh.triangles()[triangle as usize];
         let mut found: Vec<u32> = vertices.iter().flat_map(|v| &self.around[*v as usize]).copied().collect();
@@ -46,13 +48,13 @@ impl Surface {
         found
     }
 
-    /// Whether the nearest of its points to a place is seen from there from outside, where that is the point of all of
-    /// these triangles: by the angle-weighted normal (Bærentzen and Aanæs 2005).
+    /// Returns whether a direction from a nearest point, shared by all of these triangles, leads outside: by
+    /// the angle-weighted normal (Bærentzen and Aanæs 2005).
     fn faces(&self, point: DVec3, triangles: &[u32], pose: &Pose, direction: DVec3, same: f64) -> bool {
         let weighted = |t: &u32| {
             let corners = self.corners(*t, pose);
             let at = (0..3).find(|k| corners[*k].distance(point) <= same);
-            // On an edge both triangles weigh the same.
+            // On an edge both triangles have the same weight.
             let angle = at.map_or(1.0, |k| {
                 (corners[(k + 1) % 3] - corners[k]).angle_between(corners[(k + 2) % 3] - corners[k])
             });
@@ -63,39 +65,39 @@ impl Surface {
     }
 }
 
-/// A triangle of the probe and one of the scene object that are close.
+/// Close pair of a triangle of the probe and one of the scene object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClosePair {
-    /// Index of the probe's triangle, and of the scene object's.
+    /// Indices of the probe's and the scene object's triangle.
     pub triangles: [u32; 2],
-    /// m; 0 where they intersect.
+    /// Distance, m; 0 where they intersect.
     pub distance: f64,
-    /// A nearest point of each, m.
+    /// Nearest point of each, m.
     pub points: [DVec3; 2],
-    /// The region that the pair is part of: pairs are neighbours where their triangles share vertices on both sides.
+    /// Region of the pair: pairs are neighbours where their triangles share vertices on both sides.
     pub region: usize,
 }
 
-/// A local minimum of the distance.
+/// Local minimum of the distance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Minimum {
-    /// The pair; others that have the same nearest points are minima as well.
+    /// Pair with the minimum. Others that have the same nearest points are minima as well.
     pub pair: ClosePair,
-    /// The triangles at its points, on both surfaces.
+    /// Triangles at its points, on both surfaces.
     pub around: [Vec<u32>; 2],
 }
 
 /// All close pairs of triangles of a probe and a scene object, which stands at the origin.
 #[derive(Clone, Debug)]
 pub struct ClosePairs {
-    /// The pairs.
+    /// Close pairs.
     pub pairs: Vec<ClosePair>,
     /// Number of regions.
     pub regions: usize,
 }
 
 impl ClosePairs {
-    /// The pairs within a distance (m), with the probe at a pose.
+    /// Finds the pairs within a distance (m), with the probe at a pose.
     pub fn new(probe: &Surface, pose: &Pose, scene: &Surface, reach: f64) -> Self {
         let found = probe.tree.placed(pose).pairs_within(&scene.tree, reach);
         let mut joined = Partition::new(found.len());
@@ -115,8 +117,9 @@ impl ClosePairs {
         Self { pairs: pairs.collect(), regions }
     }
 
-    /// The pairs that do not intersect and are local minima: no pair of triangles at their nearest points is closer, and of
-    /// solids either is outside the other there. Lengths (m) are told apart from `same` on.
+    /// Returns the pairs that do not intersect and are local minima: no pair of triangles at their nearest
+    /// points is closer, and for solids each is outside the other there. Lengths that differ by less than
+    /// `same` (m) count as equal.
     pub fn minima(&self, probe: &Surface, pose: &Pose, scene: &Surface, same: f64) -> Vec<Minimum> {
         let distances: HashMap<[u32; 2], f64> =
             self.pairs.iter().map(|pair| (pair.triangles, pair.distance)).collect();
@@ -125,7 +128,7 @@ impl ClosePairs {
             let ([i, j], [p, q]) = (pair.triangles, pair.points);
             let at_p = probe.at(p, i, pose, same);
             let at_q = scene.at(q, j, &Pose::IDENTITY, same);
-            // Jointly, not one side at a time: crossing edges may come closer only by moving both.
+            // Over both sides jointly: crossing edges may come closer only if both points move.
             let undercut = at_p.iter().any(|k| {
                 let closer = |l: &u32| distances.get(&[*k, *l]).is_some_and(|d| *d < pair.distance - same);
                 at_q.iter().any(closer)
@@ -142,25 +145,26 @@ impl ClosePairs {
     }
 }
 
-/// A connected region of intersection: pairs of intersecting triangles that share vertices on both sides, and vertices of
-/// either object inside the other one that are corners of those triangles, or joined to such by edges.
+/// Connected region of intersection: pairs of intersecting triangles that share vertices on both sides, and
+/// vertices of either object inside the other that are corners of those triangles, or joined to such corners
+/// by edges.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Intersection {
-    /// The distance of the vertex that is furthest from the other surface, m; 0 without vertices inside.
+    /// Largest distance of its vertices from the other surface, m; 0 without vertices inside.
     pub depth: f64,
-    /// That vertex, or otherwise a point that the surfaces have in common, m.
+    /// Deepest vertex, or otherwise a point on both surfaces, m.
     pub deepest: DVec3,
-    /// Least and greatest coordinates of its vertices and of the common points that are known, m.
+    /// Smallest coordinates of its vertices and of known common points, m.
     pub low: DVec3,
-    /// Likewise.
+    /// Largest coordinates of its vertices and of known common points, m.
     pub high: DVec3,
 }
 
 impl ClosePairs {
-    /// The regions of intersection. A solid that is wholly inside the other is in none.
+    /// Returns the regions of intersection. A solid that is wholly inside the other is in none.
     pub fn intersections(&self, probe: &Surface, pose: &Pose, scene: &Surface) -> Vec<Intersection> {
         let crossing: Vec<&ClosePair> = self.pairs.iter().filter(|pair| pair.distance == 0.0).collect();
-        // The mesh, its pose, the other mesh, and the pose in that one's frame.
+        // Mesh, its pose, the other mesh, and the pose in that one's frame.
         let sides = [(probe, *pose, scene, *pose), (scene, Pose::IDENTITY, probe, pose.inverse())];
         let mut inside: [HashMap<u32, Option<usize>>; 2] = Default::default();
         let mut found: Vec<(usize, u32)> = Vec::new();
@@ -228,7 +232,7 @@ impl ClosePairs {
 pub struct Partition(Vec<usize>);
 
 impl Partition {
-    /// Each of so many numbers is a set of its own.
+    /// Puts each of `count` numbers into a set of its own.
     pub fn new(count: usize) -> Self {
         Self((0..count).collect())
     }
@@ -247,12 +251,12 @@ impl Partition {
         self.0[i.max(j)] = i.min(j);
     }
 
-    /// How many sets there are, and which one each number is in.
+    /// Returns the number of sets, and the set of each number.
     pub fn parts(mut self) -> (usize, Vec<usize>) {
         let mut count = 0;
         let mut part_of = Vec::with_capacity(self.0.len());
         for i in 0..self.0.len() {
-            // The least of a set is its root, and comes first.
+            // The smallest number of a set is its root, and comes first.
             let root = self.root(i);
             let part = if root == i { count } else { part_of[root] };
             count += usize::from(root == i);
@@ -277,7 +281,7 @@ mod tests {
             let close = ClosePairs::new(&ball, &pose, &ball, 0.01 * radius);
             let found = close.intersections(&ball, &pose, &ball);
             let [region] = &found[..] else { panic!("pressed {press}: {found:?}") };
-            // A dimple is a hundredth of the radius deep.
+            // A dimple is one hundredth of the radius deep.
             assert!((region.depth / radius - press).abs() < 0.02, "pressed {press}: {region:?}");
             assert!((region.deepest.x / radius - 1.0).abs() < 1.1 * press, "{region:?}");
         }

@@ -1,26 +1,27 @@
-//! A body that nothing holds, in a host's world: pushed by what touches it.
+//! Free body in a host's world, pushed by contacts.
 
 use palpate::core::Twist;
 use palpate::dynamics::{Body, BodyState};
 use palpate::glam::{DMat3, DVec3};
 use palpate::{DynamicBody, Object, Pose, Reactions, SceneEditor, SceneId};
 
-/// A free rigid body, stepped explicitly.
+/// Free rigid body, integrated explicitly.
 pub struct FreeBody {
     id: SceneId,
-    /// kg.
+    /// Mass, kg.
     pub mass: f64,
-    /// About the centre of mass, body axes, kg·m².
+    /// Inertia about the centre of mass, body axes, kg·m².
     pub inertia: DMat3,
     center_of_mass: DVec3,
-    /// Of the centre of mass.
+    /// Pose of the centre of mass.
     pub pose: Pose,
-    /// Of the centre of mass, world axes.
+    /// Twist of the centre of mass, world axes.
     pub twist: Twist,
 }
 
 impl FreeBody {
-    /// An object of a mass (kg) at rest, with the mesh's frame at a pose, told to a session with the host's period (s).
+    /// Returns an object of a mass (kg) at rest, with the mesh's frame at a pose, and registers it with a
+    /// session by the host's period (s).
     pub fn new(
         object: &Object,
         id: SceneId,
@@ -37,26 +38,26 @@ impl FreeBody {
         Self { id, mass, inertia, center_of_mass, pose, twist: Twist::ZERO }
     }
 
-    /// Pose of the mesh's frame.
+    /// Returns the pose of the mesh's frame.
     pub fn mesh_pose(&self) -> Pose {
         self.pose * Pose::from_translation(-self.center_of_mass)
     }
 
-    /// Gives it an impulse (N·s), and an angular one about its centre of mass (N·m·s).
+    /// Applies an impulse (N·s) and an angular impulse about the centre of mass (N·m·s).
     pub fn push(&mut self, linear: DVec3, angular: DVec3) {
         let turn = DMat3::from_quat(self.pose.rotation);
         self.twist.linear += linear / self.mass;
         self.twist.angular += turn * self.inertia.inverse() * turn.transpose() * angular;
     }
 
-    /// Kinetic energy, J.
+    /// Returns the kinetic energy, J.
     pub fn energy(&self) -> f64 {
         let body = Body::new(self.mass, self.inertia).expect("a body");
         body.kinetic_energy(&BodyState { pose: self.pose, twist: self.twist })
     }
 
-    /// A step of its world: it takes what it was pushed with, moves on, and tells where it is. What others were pushed with is
-    /// passed over.
+    /// Takes a step of its world: applies the contact impulses on it, moves on, and reports its pose.
+    /// Impulses on other objects are discarded.
     pub fn step(&mut self, dt: f64, reactions: &mut Reactions, scene: &mut SceneEditor) {
         while let Some(reaction) = reactions.take() {
             if reaction.object == self.id {

@@ -1,8 +1,8 @@
-//! An examination of a hierarchy's levels of detail by what its file says alone, against the mesh that it was built from.
+//! Checks a hierarchy's levels of detail from its file alone, against the mesh that it was built from.
 //!
-//! Nothing of the builder is used: level meshes are put together from the nodes' patches, surfaces are sampled densely,
-//! distances come from [`TriangleTree`], and distances to hulls from the contact query's GJK. Samples can only find
-//! faults; that s and h hold between the samples is for the builder's own tests.
+//! Nothing of the builder is used: level meshes are assembled from the nodes' patches, surfaces are sampled
+//! densely, distances come from [`TriangleTree`], and distances to hulls from the contact query's GJK.
+//! Samples can only find faults; the builder's own tests show that s and h hold between the samples.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -18,37 +18,37 @@ use rayon::prelude::*;
 
 use crate::triangle_tree::TriangleTree;
 
-/// Rounding, as a fraction of the bounding radius.
+/// Rounding error, relative to the bounding radius.
 const ROUNDING: f64 = 1e-10;
 
-/// Points this near to a hull are not told from points on it, as a fraction of the bounding radius: GJK's distance to a
-/// hull that is nearly flat is only known to within it.
+/// Distance from a hull, relative to the bounding radius, below which a point counts as on it: GJK's distance
+/// to a nearly flat hull is only accurate to this.
 const HULL_ROUNDING: f64 = 1e-8;
 
-/// Faults of one kind on one level that are described; the others are only counted.
-const DESCRIBED: usize = 3;
+/// Number of faults of one kind on one level that are described; the others are only counted.
+const MAX_DESCRIBED: usize = 3;
 
-/// How a hierarchy is examined.
+/// Parameters of an examination.
 #[derive(Clone, Copy, Debug)]
 pub struct Examination {
-    /// Random points on each level, besides every triangle's corners, middle and middles of sides.
+    /// Number of random points on each level, besides every triangle's corners, centre and edge midpoints.
     pub samples: usize,
-    /// Random points inside each hull.
+    /// Number of random points inside each hull.
     pub hull_samples: usize,
-    /// The tolerance that the hierarchy was built with, as a fraction of the bounding radius.
+    /// Tolerance that the hierarchy was built with, relative to the bounding radius.
     pub tolerance: f64,
-    /// Of the random points.
+    /// Seed of the random points.
     pub seed: u64,
 }
 
-/// What an examination found.
+/// Result of an examination.
 #[derive(Clone, Debug, Default)]
 pub struct Findings {
-    /// What is wrong, one line each.
+    /// Faults, one line each.
     pub faults: Vec<String>,
-    /// Per level that is not free: what there is and how near the bounds come to being reached.
+    /// Summary of each level that is not free: its size, and how close measurements come to its bounds.
     pub levels: Vec<String>,
-    /// How many times each check was made.
+    /// Number of times that each check was made.
     pub checks: BTreeMap<&'static str, usize>,
 }
 
@@ -57,34 +57,34 @@ impl Findings {
         self.faults.push(text);
     }
 
-    /// Takes in what a check said of the parts of a level: the faults, and how many parts were checked.
+    /// Adds the result of a check on parts of a level: the faults, and the number of parts checked.
     fn take(&mut self, place: &str, what: &'static str, checked: usize, faults: Vec<String>) {
         *self.checks.entry(what).or_default() += checked;
         let count = faults.len();
         self.faults
-            .extend(faults.into_iter().take(DESCRIBED).map(|fault| format!("{place}: {what}: {fault}")));
-        if count > DESCRIBED {
-            self.fault(format!("{place}: {what}: {} more like these", count - DESCRIBED));
+            .extend(faults.into_iter().take(MAX_DESCRIBED).map(|fault| format!("{place}: {what}: {fault}")));
+        if count > MAX_DESCRIBED {
+            self.fault(format!("{place}: {what}: {} more like these", count - MAX_DESCRIBED));
         }
     }
 }
 
-/// A level, put together.
+/// Assembled level.
 struct Level<'a> {
     clod: &'a Parts,
     nodes: &'a [Node],
     mesh: TriMesh,
     tree: TriangleTree,
-    /// Sampled points, for each node those on its patch.
+    /// Sampled points on each node's patch.
     samples: Vec<Vec<DVec3>>,
 }
 
-/// The corners of a patch's triangles, m.
+/// Returns the corners of a patch's triangles, m.
 fn patch<'a>(clod: &'a Parts, node: &'a Node) -> impl Iterator<Item = [DVec3; 3]> + 'a {
     clod.patch(node).iter().map(|t| t.map(|v| clod.hull(node)[v as usize]))
 }
 
-/// The mesh of a level, vertices joined where they are exactly equal.
+/// Returns the mesh of a level, with exactly equal vertices joined.
 ///
 /// # Panics
 /// If the level has too many triangles for a mesh.
@@ -95,11 +95,11 @@ pub fn level_mesh(clod: &Parts, level: usize) -> TriMesh {
     weld(&TriMesh::new(corners, triangles).expect("indices are in range"))
 }
 
-/// The triangles of a mesh by position, in an order that depends on nothing else.
+/// Returns the triangles of a mesh by position, in an order that depends on nothing else.
 fn sorted_triangles(mesh: &TriMesh) -> Vec<[[u64; 3]; 3]> {
     let mut triangles: Vec<_> = (0..mesh.triangles().len())
         .map(|t| {
-            // Zeros of either sign are the same place.
+            // Both signed zeros are the same position.
             let mut corners = mesh.corners(t).map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits));
             let first = (0..3).min_by_key(|k| corners[*k]).unwrap_or(0);
             corners.rotate_left(first);
@@ -116,7 +116,8 @@ fn euler(mesh: &TriMesh) -> i64 {
 }
 
 impl Examination {
-    /// Examines the hierarchy of a mesh that is closed, 2-manifold, oriented, free of self-intersections and welded.
+    /// Examines the hierarchy of a mesh that is closed, 2-manifold, oriented, free of self-intersections and
+    /// welded.
     pub fn of(&self, mesh: &TriMesh, clod: &Parts) -> Findings {
         let mut findings = Findings::default();
         if let Err(error) = clod.validate() {
@@ -176,8 +177,8 @@ impl Examination {
         Level { clod, nodes, mesh, tree, samples }
     }
 
-    /// The level is a closed, oriented 2-manifold without self-intersections, of the mesh's topology, and coarser than
-    /// the last.
+    /// Checks that the level is a closed, oriented 2-manifold without self-intersections, has the mesh's
+    /// topology, and is coarser than the level before.
     fn check_surface(
         &self,
         clod: &Parts,
@@ -222,8 +223,9 @@ impl Examination {
         findings.take(&format!("level {index}"), "surface", 1, faults);
     }
 
-    /// Every patch is convex: no corner of it lies above the plane of one of its triangles, by more than the tolerance.
-    /// The plane of a triangle that is narrower than that is not defined to within it, and passed over.
+    /// Checks that every patch is convex: no corner lies above the plane of one of its triangles by more than
+    /// the tolerance. Triangles narrower than the tolerance are skipped, since their planes are not well
+    /// defined.
     fn check_patches(&self, index: usize, level: &Level<'_>, findings: &mut Findings) {
         let clod = level.clod;
         let tolerance = self.tolerance * clod.bounding_radius() * (1.0 + 1e-6);
@@ -249,10 +251,10 @@ impl Examination {
         findings.take(&format!("level {index}"), "convex patches", level.nodes.len(), faults);
     }
 
-    /// No hull protrudes: points inside it are inside the level's surface, or no further outside than twice the
-    /// tolerance (the builder measures heights above planes, and beside narrow triangles the surface is further away
-    /// than these); and no other point of the surface is deeper inside a hull than the tolerance. Every hull encloses
-    /// its patch.
+    /// Checks that no hull protrudes: points inside it are inside the level's surface, or outside by at most
+    /// twice the tolerance (the builder measures heights above planes, and beside narrow triangles the
+    /// surface is further away than these). No other point of the surface may be deeper inside a hull than
+    /// the tolerance. Every hull encloses its patch.
     fn check_hulls(&self, index: usize, level: &Level<'_>, findings: &mut Findings) {
         let place = format!("level {index}");
         let clod = level.clod;
@@ -266,7 +268,7 @@ impl Examination {
             let points: Vec<DVec3> = patch(clod, node).flatten().collect();
             let mut random = StdRng::seed_from_u64(self.seed ^ (index as u64) << 32 ^ k as u64);
             (0..self.hull_samples).find_map(|_| {
-                // Points between a few corners, so that they come near all of the hull's faces.
+                // Combinations of a few corners come near all of the hull's faces.
                 let mut weights = [0; 5].map(|_| random.random::<f64>());
                 let sum: f64 = weights.iter().sum();
                 weights.iter_mut().for_each(|w| *w /= sum);
@@ -293,10 +295,11 @@ impl Examination {
         findings.take(&place, "hulls enclosing their patches", level.nodes.len(), faults);
     }
 
-    /// Points of the surface that are deeper inside another patch's hull than the tolerance; and how many were looked at.
+    /// Returns points of the surface that are deeper inside another patch's hull than the tolerance, and the
+    /// number of points checked.
     fn intrusions(&self, level: &Level<'_>, tolerance: f64) -> (usize, Vec<String>) {
         let clod = level.clod;
-        // All points by position along an axis, so that those in a box are found.
+        // All points sorted along an axis, to find those in a box.
         let mut points: Vec<DVec3> = level.samples.iter().flatten().copied().collect();
         points.sort_unstable_by(|p, q| p.x.total_cmp(&q.x));
         let found: Vec<(usize, Option<String>)> = level
@@ -322,7 +325,7 @@ impl Examination {
                         continue;
                     }
                     checked += 1;
-                    // The depth in the hull is at most that below a plane that bounds it.
+                    // The depth in the hull is at most the depth below any plane that bounds it.
                     if planes.iter().any(|(n, a)| n.dot(*p - *a) >= -tolerance) || !target.within(*p, 0.0) {
                         continue;
                     }
@@ -341,8 +344,8 @@ impl Examination {
         (checked, found.into_iter().filter_map(|f| f.1).collect())
     }
 
-    /// s: no point of a patch is further from the mesh, and no point of the mesh that it stands for further from the
-    /// level.
+    /// Checks s: no point of a patch is further than s from the mesh, and no point of the mesh region that it
+    /// represents is further than s from the level.
     fn check_deviation(&self, index: usize, level: &Level<'_>, finest: &Level<'_>, findings: &mut Findings) {
         let clod = level.clod;
         let slack = ROUNDING * clod.bounding_radius();
@@ -387,8 +390,8 @@ impl Examination {
         ));
     }
 
-    /// h: no extreme point of a descendant's hull is further from the node's bounding hull. By convexity no other point
-    /// is either.
+    /// Checks h: no extreme point of a descendant's hull is further than h from the node's bounding hull. By
+    /// convexity no other point is either.
     fn check_hausdorff(&self, clod: &Parts, findings: &mut Findings) {
         let slack = HULL_ROUNDING * clod.bounding_radius();
         for level in 1..clod.levels.len() {
@@ -422,7 +425,8 @@ impl Examination {
     }
 }
 
-/// What is added to a hull so that it bounds its descendants better is of theirs: it is no larger than it takes.
+/// Checks that points added to a hull, to bound its descendants better, are points of the descendants: the
+/// hull is no larger than necessary.
 fn check_added(clod: &Parts, findings: &mut Findings) {
     let bits = |p: &DVec3| p.to_array().map(f64::to_bits);
     for level in 1..clod.levels.len() {
@@ -440,7 +444,7 @@ fn check_added(clod: &Parts, findings: &mut Findings) {
     }
 }
 
-/// The sphere of a node encloses its bounding hull and all its descendants' hulls.
+/// Checks that the sphere of a node encloses its bounding hull and all its descendants' hulls.
 fn check_spheres(clod: &Parts, findings: &mut Findings) {
     let slack = ROUNDING * clod.bounding_radius();
     for level in 0..clod.levels.len() {
@@ -458,7 +462,7 @@ fn check_spheres(clod: &Parts, findings: &mut Findings) {
     }
 }
 
-/// All nodes below a node.
+/// Returns all nodes below a node.
 fn descendants<'a>(clod: &'a Parts, node: &Node) -> impl Iterator<Item = &'a Node> + use<'a> {
     let mut waiting: Vec<u32> = node.children.clone().collect();
     std::iter::from_fn(move || {
@@ -476,7 +480,7 @@ fn farthest(points: &[DVec3], from: &TriangleTree) -> f64 {
     points.iter().map(|p| from.distance(*p)).fold(0.0, f64::max)
 }
 
-/// The leaves below a node, by their place among the leaves; of a leaf, itself.
+/// Returns the leaves below a node, by their index among the leaves; for a leaf, itself.
 fn leaves_below(clod: &Parts, index: u32) -> Vec<usize> {
     let (mut leaves, mut stack) = (Vec::new(), vec![index]);
     while let Some(index) = stack.pop() {
@@ -489,7 +493,7 @@ fn leaves_below(clod: &Parts, index: u32) -> Vec<usize> {
     leaves
 }
 
-/// A hull that points are held against.
+/// Hull that points are compared with.
 struct Target<'a> {
     points: &'a [DVec3],
     map: Option<SupportMap>,
@@ -514,7 +518,7 @@ impl<'a> Target<'a> {
         gjk::distance(&hull, &Hull::new(&point), &placement, start, &limits)
     }
 
-    /// Whether a point is no further from the hull than this, m.
+    /// Returns whether a point is no further from the hull than `reach`, m.
     fn within(&self, p: DVec3, reach: f64) -> bool {
         if self.points.contains(&p) {
             return true;
@@ -523,12 +527,13 @@ impl<'a> Target<'a> {
         found.separation == Separation::Overlapping || found.distance <= reach
     }
 
-    /// An upper bound on how far a point is from the hull, m: the distance where the search converges.
+    /// Returns an upper bound on the distance of a point from the hull, m: the distance itself where the
+    /// search converges.
     fn distance(&self, p: DVec3) -> f64 {
         self.ask(p, -1.0).distance
     }
 
-    /// How deep a point is inside the hull, m.
+    /// Returns the depth of a point inside the hull, m.
     fn depth(&self, p: DVec3, polytope: &mut Polytope) -> f64 {
         let hull = Hull::with_map(self.points, self.map.as_ref());
         let point = [DVec3::ZERO];

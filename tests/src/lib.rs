@@ -1,14 +1,14 @@
-//! What the integration tests share: the optional test data, and brute force to compare clever answers with.
+//! Shared by the integration tests: optional test data, built-in models, and brute-force oracles.
 
 pub mod brute_force;
 pub mod close_pairs;
-pub mod cruel_wire;
+pub mod faulty_wire;
 mod free_body;
 pub mod levels;
 pub mod random_tree;
 pub mod triangle_tree;
 
-/// The README, whose example is a test here: in a published package there is no such file.
+/// README, whose example is a test here: a published package does not contain the file.
 #[cfg(doctest)]
 #[doc = include_str!("../../README.md")]
 struct Readme;
@@ -29,22 +29,22 @@ use palpate::{Object, OpenOptions, Pose, TriMesh};
 
 pub use free_body::FreeBody;
 
-/// A file of the optional test data, which lies in `shared` beside the repository; says that the test is skipped, and
-/// gives `None`, when it is absent.
+/// Returns the path of a file of the optional test data, in `shared` beside the repository. If it is absent,
+/// prints that the test is skipped and returns `None`.
 pub fn shared(path: &str) -> Option<PathBuf> {
     let file = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(path);
     if file.exists() {
         return Some(file);
     }
-    // Straight to the stream: the test runner keeps back what the print macros say.
+    // Written to the stream directly, since the test runner captures the print macros.
     let _ = writeln!(std::io::stderr(), "skipped: {} is absent", file.display());
     None
 }
 
-/// A mesh of the optional test data, exactly welded.
+/// Loads a mesh of the optional test data, exactly welded.
 ///
 /// # Panics
-/// If the file is there but cannot be loaded.
+/// If the file is present but cannot be loaded.
 pub fn shared_mesh(path: &str) -> Option<TriMesh> {
     let file = shared(path)?;
     match load(&file, &LoadOptions::default()) {
@@ -53,7 +53,7 @@ pub fn shared_mesh(path: &str) -> Option<TriMesh> {
     }
 }
 
-/// A built-in model with its hierarchy built anew, whatever the user's cache holds.
+/// Returns a built-in model with a newly built hierarchy, regardless of the user's cache.
 ///
 /// # Panics
 /// If there is no such model.
@@ -65,13 +65,14 @@ pub fn model(name: &str) -> Object {
     }
 }
 
-/// From 0 at one time to 1 at another, with no slope at either.
+/// Returns a smooth step from 0 at one time to 1 at another, with zero slope at both.
 pub fn smooth(from: f64, to: f64, time: f64) -> f64 {
     let x = ((time - from) / (to - from)).clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
 
-/// The plate of §5.5.4 with sinusoidal ridges across x, as a texture: their height from groove to crest, and their distance, m.
+/// Returns the plate of §5.5.4 with sinusoidal ridges across x as a texture, by their height from groove to
+/// crest and their distance, m.
 ///
 /// # Panics
 /// If such a plate cannot be made.
@@ -92,10 +93,11 @@ pub fn ridged_plate(height: f64, spacing: f64) -> Object {
     }
 }
 
-/// Where the frame of a probe that is let down along z above the middle of a scene object is when it touches it.
+/// Returns the position of a probe's frame at first contact, when the probe is lowered along z above the
+/// middle of a scene object.
 ///
 /// # Panics
-/// If it never does.
+/// If it never touches.
 pub fn first_touch(probe: &Object, scene: &Object) -> DVec3 {
     let settings = QuerySettings::new(0.1 * probe.bounding_radius());
     let mut query = ContactQuery::new(probe.shape(), scene.shape());
@@ -113,7 +115,7 @@ pub fn first_touch(probe: &Object, scene: &Object) -> DVec3 {
     panic!("the probe never touches");
 }
 
-/// The leaf that each triangle of a hierarchy's mesh belongs to.
+/// Returns the leaf that each triangle of a hierarchy's mesh belongs to.
 ///
 /// # Panics
 /// If a triangle belongs to none.

@@ -1,4 +1,4 @@
-//! Hierarchies of any shape over the patches of a built one.
+//! Hierarchies of random shape over the patches of a built one.
 
 use std::collections::HashSet;
 
@@ -9,18 +9,19 @@ use rand::RngExt as _;
 use rand::rngs::StdRng;
 use rand::seq::SliceRandom as _;
 
-/// A node on the way up: what its hull has to hold, and its children on the level below.
+/// Node under construction: the points that its hull has to enclose, and its children on the level below.
 struct Group {
     points: Vec<DVec3>,
-    /// Places in the order of the level below.
+    /// Indices in the order of the level below.
     children: std::ops::Range<usize>,
 }
 
-/// A hierarchy with the leaves of another one, and above them free levels of nodes with one to five children each, taken
-/// in the order of the leaves along a random line or, once in four times, in no order at all. Every hull holds all below
-/// it.
+/// Returns a hierarchy with the leaves of another one, and above them free levels of nodes with one to five
+/// children each. Children are taken in the order of the leaves along a random line or, one time in four, in
+/// random order. Every hull encloses all below it.
 ///
 /// # Panics
+/// If the hierarchy is not valid.
 /// If the hierarchy is not valid.
 pub fn random_tree(built: &Clod, random: &mut StdRng) -> Clod {
     let mut leaves: Vec<Node> = built.leaves().collect();

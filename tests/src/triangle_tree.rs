@@ -1,25 +1,26 @@
-//! Nearest points and inside tests on a mesh, and the pairs of triangles of two meshes that are close, by a plain tree of
-//! boxes: independent of the trees that the engine and the builder use, and itself compared with brute force below.
+//! Nearest points and inside tests on a mesh, and close pairs of triangles of two meshes, by a plain tree of
+//! boxes. It is independent of the trees of the engine and the builder, and is itself compared with brute
+//! force below.
 
 use palpate::glam::DVec3;
 use palpate::{Pose, TriMesh};
 
 use crate::brute_force::{nearest_on_triangle, triangle_distance};
 
-/// Triangles of a leaf.
-const LEAF: usize = 4;
+/// Largest number of triangles in a leaf.
+const MAX_LEAF_TRIANGLES: usize = 4;
 
-/// Directions of rays, of no special position to any mesh.
+/// Directions of rays, in no special position to any mesh.
 const RAYS: [DVec3; 3] = [
     DVec3::new(0.617_21, 0.289_44, 0.731_65),
     DVec3::new(-0.413_83, 0.803_17, -0.428_61),
     DVec3::new(0.150_49, -0.560_08, -0.814_66),
 ];
 
-/// A mesh to ask for distances and for inside.
+/// Mesh prepared for queries of distance and inside.
 #[derive(Clone, Debug)]
 pub struct TriangleTree {
-    /// With their indices in the mesh, in the order of the leaves.
+    /// Triangles with their indices in the mesh, in the order of the leaves.
     triangles: Vec<([DVec3; 3], u32)>,
     nodes: Vec<Node>,
 }
@@ -28,15 +29,15 @@ pub struct TriangleTree {
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// The triangles of a leaf; of an inner node all those below.
+    /// Range of the triangles of a leaf; for an inner node, of all leaves below it.
     first: usize,
     end: usize,
-    /// The second child (the first follows the node), or 0 for a leaf.
+    /// Index of the second child (the first follows the node), or 0 for a leaf.
     second: usize,
 }
 
 impl TriangleTree {
-    /// A tree over a mesh with at least one triangle.
+    /// Builds a tree over a mesh with at least one triangle.
     pub fn new(mesh: &TriMesh) -> Self {
         let count = mesh.triangles().len() as u32;
         let mut triangles: Vec<_> = (0..count).map(|t| (mesh.corners(t as usize), t)).collect();
@@ -46,7 +47,7 @@ impl TriangleTree {
         Self { triangles, nodes }
     }
 
-    /// The tree of the mesh at a pose.
+    /// Returns the tree of the mesh at a pose.
     pub fn placed(&self, pose: &Pose) -> Self {
         let place = |(corners, index): &([DVec3; 3], u32)| (corners.map(|p| pose.transform_point(p)), *index);
         let mut placed =
@@ -64,8 +65,8 @@ impl TriangleTree {
         placed
     }
 
-    /// All pairs of a triangle of this mesh and one of another that are no further apart than `reach` (m): their indices,
-    /// the distance (m; 0 where they intersect), and a nearest point of each.
+    /// Returns all pairs of a triangle of this mesh and one of another that are no further apart than `reach`
+    /// (m): their indices, the distance (m; 0 where they intersect), and a nearest point of each.
     pub fn pairs_within(&self, other: &Self, reach: f64) -> Vec<([u32; 2], f64, [DVec3; 2])> {
         let mut found = Vec::new();
         let mut stack = vec![(0, 0)];
@@ -93,7 +94,7 @@ impl TriangleTree {
         found
     }
 
-    /// Distance (m) of a point from the surface.
+    /// Returns the distance (m) of a point from the surface.
     pub fn distance(&self, p: DVec3) -> f64 {
         let mut best = f64::INFINITY;
         let mut stack = vec![(0, self.nodes[0].distance_squared(p))];
@@ -110,14 +111,16 @@ impl TriangleTree {
             }
             let children =
                 [index + 1, node.second].map(|child| (child, self.nodes[child].distance_squared(p)));
+            // The nearer child goes on top of the stack, so that the bound shrinks early.
             let nearer = usize::from(children[1].1 < children[0].1);
             stack.extend([children[1 - nearer], children[nearer]]);
         }
         best.sqrt()
     }
 
-    /// How often a closed, oriented surface goes around a point that is not on it: 1 inside an object, 0 outside. Signed
-    /// crossings of a ray are counted; of three rays, one may be led astray by an edge.
+    /// Returns the winding number of a closed, oriented surface about a point that is not on it: 1 inside an
+    /// object, 0 outside. It is the count of signed crossings that two of three rays agree on, since one may hit
+    /// an edge.
     pub fn winding(&self, p: DVec3) -> i32 {
         let [a, b, c] = RAYS.map(|ray| self.crossings(p, ray));
         if b == c { b } else { a }
@@ -137,7 +140,8 @@ impl TriangleTree {
             }
             for (corners, _) in &self.triangles[node.first..node.end] {
                 let [a, b, c] = corners.map(|q| q - p);
-                // Which way the ray passes each side; the same arithmetic for both triangles at an edge.
+                // Side of each edge on which the ray passes; the same arithmetic for both triangles at an
+                // edge.
                 let sides = [side(a, b, ray), side(b, c, ray), side(c, a, ray)];
                 let normal = (b - a).cross(c - a);
                 if sides == [1; 3] && normal.dot(a) > 0.0 {
@@ -151,7 +155,7 @@ impl TriangleTree {
     }
 }
 
-/// On which side of an edge a ray passes; exactly opposite for the edge the other way round.
+/// Returns the side of an edge on which a ray passes; exactly the opposite for the reversed edge.
 fn side(from: DVec3, to: DVec3, ray: DVec3) -> i32 {
     let turned = |p: DVec3, q: DVec3| if p.cross(q).dot(ray) >= 0.0 { 1 } else { -1 };
     if from.to_array() <= to.to_array() { turned(from, to) } else { -turned(to, from) }
@@ -166,7 +170,7 @@ impl Node {
         let (to_low, to_high) = ((self.low - p) / ray, (self.high - p) / ray);
         let enters = to_low.min(to_high).max_element();
         let leaves = to_low.max(to_high).min_element();
-        // Boxes may be flat: what is lost to rounding is given back.
+        // Boxes may be flat, so rounding is compensated.
         enters.max(0.0) <= leaves + 1e-12 * (leaves.abs() + enters.abs())
     }
 }
@@ -181,7 +185,7 @@ fn split(triangles: &mut [([DVec3; 3], u32)], first: usize, end: usize, nodes: &
     let (low, high) = bounds(own);
     let index = nodes.len();
     nodes.push(Node { low, high, first, end, second: 0 });
-    if end - first <= LEAF {
+    if end - first <= MAX_LEAF_TRIANGLES {
         return;
     }
     let axis = (high - low).max_position();
@@ -202,7 +206,8 @@ mod tests {
 
     use super::*;
 
-    /// Sum of the solid angles that the triangles subtend (van Oosterom and Strackee 1983), over the whole sphere.
+    /// Returns the winding number as the sum of the triangles' solid angles over 4π (van Oosterom and
+    /// Strackee 1983).
     fn winding_by_solid_angles(mesh: &TriMesh, p: DVec3) -> f64 {
         let angles = (0..mesh.triangles().len()).map(|t| {
             let [a, b, c] = mesh.corners(t).map(|q| q - p);

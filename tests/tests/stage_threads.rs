@@ -1,6 +1,7 @@
-//! What is not in a scene is not started: a session has its two loops' threads and no other, and looks for no GPU.
+//! Stages that a scene does not need are not started: a session has its two loops' threads and no other, and
+//! looks for no GPU.
 //!
-//! A program of its own, with one test, since other tests' threads would be counted.
+//! A program of its own with one test, since other tests' threads would be counted.
 
 use std::convert::Infallible;
 use std::io::Write as _;
@@ -11,12 +12,12 @@ use palpate::texture_pd::WgpuBackend;
 use palpate::{HapticRenderer, Pose, Scene, Settings, explore};
 use palpate_tests::model;
 
-/// Of this process.
+/// Returns the number of threads of this process.
 fn threads() -> usize {
     std::fs::read_dir("/proc/self/task").expect("the threads").count()
 }
 
-/// Whether the loader of Vulkan is in memory, through which a GPU is looked for.
+/// Returns whether the Vulkan loader, through which a GPU is found, is in memory.
 fn vulkan_is_loaded() -> bool {
     std::fs::read_to_string("/proc/self/maps").expect("what is in memory").contains("libvulkan")
 }
@@ -29,7 +30,7 @@ fn a_session_without_textures_has_two_threads_and_no_gpu() {
     let probe = model("ellipsoid@500");
     let scene = Scene::new().with(model("golf-ball@2000"), Pose::IDENTITY);
     let device = explore::open_device("emulated", &probe, &scene).expect("emulated device");
-    // A GPU is asked for, should there be textures.
+    // A GPU is requested, in case there are textures.
     let textures = TextureSettings { backend: TextureBackend::Auto, ..TextureSettings::default() };
     let before = threads();
     let settings = Settings { textures, ..Settings::default() };
@@ -41,18 +42,18 @@ fn a_session_without_textures_has_two_threads_and_no_gpu() {
         loaded |= vulkan_is_loaded();
         Ok::<(), Infallible>(())
     });
-    // While the session ends, a loop that has ended is not counted any more.
+    // While the session ends, a loop that has ended is no longer counted.
     assert_eq!(counts.last(), Some(&(before + 2)), "{counts:?}, {before} before");
     assert!(!loaded && !vulkan_is_loaded(), "a GPU was looked for");
 
-    // What would have been seen.
+    // Shows that a GPU backend would have been noticed.
     match WgpuBackend::new() {
         Ok(_gpu) => {
             assert!(vulkan_is_loaded() && threads() > before, "{} threads, {before} before", threads())
         }
-        // Straight to the stream: the test runner keeps back what the print macros say.
+        // Written to the stream directly, since the test runner captures the print macros.
         Err(error) => {
-            let _ = writeln!(std::io::stderr(), "skipped: what a GPU's backend would have loaded: {error}");
+            let _ = writeln!(std::io::stderr(), "skipped: no GPU backend: {error}");
         }
     }
 }

@@ -1,38 +1,38 @@
-//! Where the scene is seen from: on a sphere about what is looked at.
+//! Camera that orbits about its target.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 use palpate::glam::dcamera::rh::{proj, view};
 use palpate::glam::{DMat3, DVec3, Mat4};
 
-/// Height of what is seen, as an angle, rad.
+/// Vertical field of view, rad.
 const FIELD: f64 = 0.7;
-/// Closest and furthest that the camera goes, and depths that it sees, in distances.
-const NEAREST: f64 = 1e-4;
+/// Smallest distance of the camera, m; near and far clipping planes, in distances from the target.
+const MIN_DISTANCE: f64 = 1e-4;
 const NEAR: f64 = 0.02;
 const FAR: f64 = 50.0;
 
-/// A camera that looks at a point, with the world's z axis up.
+/// Camera that looks at a point, with the world's z axis up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// What it looks at, m.
+    /// Target point, m.
     pub target: DVec3,
-    /// How far it is from there, m.
+    /// Distance from the target, m.
     pub distance: f64,
-    /// How far it has gone about the vertical from the -y axis, rad.
+    /// Azimuth about the vertical from the -y axis, rad.
     pub yaw: f64,
-    /// How far it is raised over the horizon, rad.
+    /// Elevation above the horizon, rad.
     pub pitch: f64,
 }
 
 impl Camera {
-    /// One that sees a sphere whole.
+    /// Returns a camera that sees a whole sphere.
     pub fn around(center: DVec3, radius: f64) -> Self {
-        let distance = (1.2 * radius / (0.5 * FIELD).sin()).max(NEAREST);
+        let distance = (1.2 * radius / (0.5 * FIELD).sin()).max(MIN_DISTANCE);
         Self { target: center, distance, yaw: 0.5, pitch: 0.35 }
     }
 
-    /// Its axes in the world: right, up and back, the columns.
+    /// Returns its axes in the world as columns: right, up and back.
     pub fn axes(&self) -> DMat3 {
         let (sin_yaw, cos_yaw) = self.yaw.sin_cos();
         let (sin_pitch, cos_pitch) = self.pitch.sin_cos();
@@ -41,12 +41,13 @@ impl Camera {
         DMat3::from_cols(right, back.cross(right), back)
     }
 
-    /// Where it is, m.
+    /// Returns its position, m.
     pub fn eye(&self) -> DVec3 {
         self.target + self.axes().z_axis * self.distance
     }
 
-    /// From the world to what is seen in a picture so many times as wide as it is high; depths from 0 to 1.
+    /// Returns the projection from the world to a picture with an aspect ratio (width over height); depths
+    /// are from 0 to 1.
     pub fn clip_from_world(&self, aspect: f64) -> Mat4 {
         let projection = proj::directx::perspective(
             FIELD,
@@ -58,21 +59,21 @@ impl Camera {
         (projection * seen).as_mat4()
     }
 
-    /// Goes round what it looks at, by so many heights of the picture to the right and down.
+    /// Orbits about the target, by a drag to the right and down in heights of the picture.
     pub fn orbit(&mut self, right: f64, down: f64) {
         self.yaw = (self.yaw - right * TAU * 0.5).rem_euclid(TAU);
         self.pitch = (self.pitch + down * TAU * 0.5).clamp(0.02 - FRAC_PI_2, FRAC_PI_2 - 0.02);
     }
 
-    /// Comes nearer by a factor.
+    /// Moves nearer by a factor.
     pub fn zoom(&mut self, factor: f64) {
         if factor.is_finite() && factor > 0.0 {
-            self.distance = (self.distance / factor).clamp(NEAREST, 1e4);
+            self.distance = (self.distance / factor).clamp(MIN_DISTANCE, 1e4);
         }
     }
 
-    /// The way in the world, across the line of sight at what is looked at, of so many heights of the picture to the right and
-    /// down, m.
+    /// Returns the displacement in the world, perpendicular to the line of sight at the target, for a drag to
+    /// the right and down in heights of the picture, m.
     pub fn across(&self, right: f64, down: f64) -> DVec3 {
         let height = 2.0 * self.distance * (0.5 * FIELD).tan();
         let axes = self.axes();
@@ -90,9 +91,10 @@ mod tests {
         camera.clip_from_world(1.5).project_point3(place.as_vec3())
     }
 
-    /// What is dragged stays under the pointer: the way across is that which moves the picture by as much.
+    /// A dragged point stays under the pointer: `across` is the displacement that moves the picture by as
+    /// much.
     #[test]
-    fn what_is_dragged_stays_under_the_pointer() {
+    fn a_dragged_point_stays_under_the_pointer() {
         let mut camera = Camera::around(DVec3::new(0.1, -0.2, 0.3), 0.05);
         for turn in 0..20 {
             camera.orbit(0.13, if turn < 10 { 0.05 } else { -0.09 });

@@ -13,29 +13,29 @@ use wgpu::{
 use crate::camera::Camera;
 use crate::picture::{Corner, Picture};
 
-/// What is drawn on, linear light behind it, and how often a pixel is looked at.
+/// Formats of the color and depth targets, and number of samples per pixel.
 const COLOR: TextureFormat = TextureFormat::Rgba8Unorm;
 const DEPTH: TextureFormat = TextureFormat::Depth32Float;
 const SAMPLES: u32 = 4;
 /// Largest side of a picture, pixels.
-const LARGEST: u32 = 8192;
+const MAX_SIDE: u32 = 8192;
 
 const BACKGROUND: wgpu::Color = wgpu::Color { r: 0.97, g: 0.97, b: 0.96, a: 1.0 };
 const SCENE: [f32; 4] = [0.72, 0.74, 0.78, 1.0];
 const PROBE: [f32; 4] = [0.86, 0.80, 0.70, 0.55];
-/// Opacity of what is behind something.
-const HIDDEN: f32 = 0.25;
-/// How far patches are drawn over the surface that they belong to.
-const OVER: DepthBiasState = DepthBiasState { constant: -16, slope_scale: -2.0, clamp: 0.0 };
+/// Opacity of patches and arrows behind other objects.
+const HIDDEN_OPACITY: f32 = 0.25;
+/// Depth bias that draws patches over their own surface.
+const PATCH_BIAS: DepthBiasState = DepthBiasState { constant: -16, slope_scale: -2.0, clamp: 0.0 };
 
-/// A mesh on the GPU.
+/// Mesh on the GPU.
 #[derive(Clone, Debug)]
 pub struct MeshOnGpu {
     corners: Buffer,
     count: u32,
 }
 
-/// What the shader is told of a mesh, as WGSL lays it out, one every `STRIDE` bytes.
+/// Uniforms of a mesh in WGSL's layout, one every `STRIDE` bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Draw {
@@ -47,13 +47,14 @@ struct Draw {
 
 const STRIDE: u64 = 256;
 
-/// Draws scenes.
+/// Painter of scenes.
 #[derive(Debug)]
 pub struct Painter {
     device: Device,
     queue: Queue,
     layout: BindGroupLayout,
-    /// Opaque; depth alone; over what is equally far; behind anything; seen through.
+    /// Pipelines for opaque objects, depth alone, patches over their surface, patches behind objects, and the
+    /// translucent probe.
     solid: RenderPipeline,
     depth_alone: RenderPipeline,
     over: RenderPipeline,
@@ -73,7 +74,7 @@ struct Target {
 }
 
 impl Painter {
-    /// One on a device.
+    /// Creates a painter on a device.
     pub fn new(device: &Device, queue: &Queue) -> Self {
         let shader = device.create_shader_module(wgpu::include_wgsl!("view.wgsl"));
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -137,7 +138,7 @@ impl Painter {
         Self {
             solid: pipeline("solid", closer, true, true, none),
             depth_alone: pipeline("depth alone", closer, true, false, none),
-            over: pipeline("over", closer, false, true, OVER),
+            over: pipeline("over", closer, false, true, PATCH_BIAS),
             through: pipeline("through", always, false, true, none),
             veil: pipeline("veil", closer, false, true, none),
             device: device.clone(),
@@ -147,17 +148,17 @@ impl Painter {
         }
     }
 
-    /// Puts triangles, three corners each, on the GPU.
+    /// Uploads triangles, three corners each, to the GPU.
     pub fn mesh(&self, corners: &[Corner]) -> MeshOnGpu {
-        // A buffer of no length is none.
+        // A buffer must not be empty.
         let contents: &[u8] = if corners.is_empty() { &[0; 16] } else { cast_slice(corners) };
         let descriptor =
             BufferInitDescriptor { label: Some("corners"), contents, usage: BufferUsages::VERTEX };
         MeshOnGpu { corners: self.device.create_buffer_init(&descriptor), count: corners.len() as u32 }
     }
 
-    /// Draws the scene's objects, the probe, which is seen through, and a picture of what touches; the texture drawn on, which is
-    /// a new one where the size (pixels) is.
+    /// Draws the scene's objects, the translucent probe, and a picture of the contacts. Returns the target
+    /// texture, which is new if the size (pixels) has changed.
     pub fn paint(
         &mut self,
         size: [u32; 2],
@@ -166,17 +167,17 @@ impl Painter {
         probe: &(MeshOnGpu, Pose),
         picture: &Picture,
     ) -> &TextureView {
-        let size = size.map(|side| side.clamp(1, LARGEST));
+        let size = size.map(|side| side.clamp(1, MAX_SIDE));
         let (patches, arrows) = (self.mesh(&picture.patches), self.mesh(&picture.arrows));
         let here = Pose::IDENTITY;
         let opaque = [1.0; 4];
-        let hidden = [1.0, 1.0, 1.0, HIDDEN];
+        let hidden = [1.0, 1.0, 1.0, HIDDEN_OPACITY];
         let mut steps: Vec<(&RenderPipeline, &MeshOnGpu, &Pose, [f32; 4])> = Vec::new();
         steps.extend(scene.iter().map(|(mesh, pose)| (&self.solid, mesh, pose, SCENE)));
         steps.push((&self.over, &patches, &here, opaque));
         steps.push((&self.through, &patches, &here, hidden));
         steps.push((&self.solid, &arrows, &here, opaque));
-        // Of the probe what is nearest only.
+        // Only the nearest surface of the probe is drawn.
         steps.push((&self.depth_alone, &probe.0, &probe.1, PROBE));
         steps.push((&self.veil, &probe.0, &probe.1, PROBE));
         steps.push((&self.over, &patches, &here, [1.0, 1.0, 1.0, 0.6]));
@@ -212,7 +213,7 @@ impl Painter {
         &self.target.insert(target).view
     }
 
-    /// The texture that was drawn on last.
+    /// Returns the texture that was drawn on last.
     pub fn texture(&self) -> Option<&wgpu::Texture> {
         self.target.as_ref().map(|target| &target.picture)
     }

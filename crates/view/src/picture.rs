@@ -1,4 +1,4 @@
-//! What is drawn of a session at one time, beside the objects themselves: patches that touch, and arrows.
+//! Contacts of a session at one time, as triangles: patches in contact, and force arrows.
 
 use std::collections::BTreeSet;
 use std::f32::consts::TAU;
@@ -8,51 +8,51 @@ use palpate::core::clod::Node;
 use palpate::glam::{DVec3, Vec3};
 use palpate::{ContactSnapshot, Pose, Scene, level_color};
 
-/// Sides of an arrow.
+/// Number of sides of an arrow.
 const SIDES: u32 = 10;
-/// Size of an arrow for a force that counts as full, and of one without length, in radii of the probe.
+/// Length of an arrow for a full force and thickness of arrows, in radii of the probe.
 const FULL_ARROW: f64 = 0.8;
 const THICKNESS: f64 = 0.015;
-/// Colours of what pushes.
+/// Colour of the force arrows.
 const PUSH: [u8; 4] = [255, 220, 40, 255];
 
-/// A corner of a triangle, as the GPU has it.
+/// Corner of a triangle in the GPU's layout.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Corner {
-    /// m.
+    /// Position, m.
     pub position: [f32; 3],
     /// Red, green, blue and opacity.
     pub color: [u8; 4],
 }
 
-/// A level of detail that touches, for a legend.
+/// Level of detail in contact, for a legend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LevelColor {
-    /// Whether it is one of the probe's, else one of the scene object's with this number.
+    /// Index of the scene object; `None` for the probe.
     pub object: Option<usize>,
-    /// The level; 0 is the full mesh.
+    /// Level; 0 is the full mesh.
     pub level: u32,
-    /// Its colour.
+    /// Colour of the level.
     pub color: [u8; 4],
-    /// How many of its patches touch.
+    /// Number of its patches in contact.
     pub patches: usize,
 }
 
 /// Triangles in world axes, three corners each.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
-    /// Patches that touch, in the colour of their level.
+    /// Patches in contact, in the colour of their level.
     pub patches: Vec<Corner>,
-    /// What pushes the probe: arrows that end where they push.
+    /// Contact forces on the probe: arrows that end where they act.
     pub arrows: Vec<Corner>,
-    /// The levels of the patches.
+    /// Levels of the patches.
     pub levels: Vec<LevelColor>,
 }
 
 impl Picture {
-    /// What is seen of a session in which the probe's mesh frame is at a pose. A force of `full` (N) has an arrow nearly as
-    /// long as the probe's radius.
+    /// Returns the picture of a snapshot with the probe's mesh frame at a pose. A force of `full` (N) has an
+    /// arrow nearly as long as the probe's radius.
     pub fn new(sight: &ContactSnapshot, probe: &Clod, pose: &Pose, scene: &Scene, full: f64) -> Self {
         let mut picture = Self::default();
         let touching: BTreeSet<(Option<usize>, u32)> = sight
@@ -92,7 +92,7 @@ impl Picture {
     }
 }
 
-/// The full mesh of a hierarchy, in its own frame.
+/// Returns the full mesh of a hierarchy, in its own frame.
 pub fn mesh_corners(clod: &Clod) -> Vec<Corner> {
     let of_leaf = |node: Node| {
         let hull = clod.hull(&node);
@@ -102,7 +102,7 @@ pub fn mesh_corners(clod: &Clod) -> Vec<Corner> {
     corners.map(|place| Corner { position: place.as_vec3().to_array(), color: [255; 4] }).collect()
 }
 
-/// An arrow along a vector that ends at a point.
+/// Adds an arrow along a vector that ends at a point.
 fn add_arrow(corners: &mut Vec<Corner>, end: DVec3, vector: DVec3, thickness: f64) {
     let (end, vector, thickness) = (end.as_vec3(), vector.as_vec3(), thickness as f32);
     let (direction, length) = (vector.normalize_or(Vec3::Z), vector.length());
@@ -147,7 +147,7 @@ mod tests {
         let push = ContactForce { point: DVec3::Y, normal: -DVec3::Z, force: DVec3::Z * 2.0, depth: 1e-3 };
         let sight = ContactSnapshot {
             time: 1.0,
-            // One that is not there is left out.
+            // Nodes that do not exist are left out.
             patches: vec![
                 pair(nodes[0]),
                 pair(nodes[1]),

@@ -1,4 +1,4 @@
-//! The window: a session behind it, what is seen of it, and a hand that the mouse moves.
+//! Window of a session: the picture of its scene, and a hand that the mouse moves.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,22 +22,22 @@ use crate::picture::{LevelColor, Picture, mesh_corners};
 
 /// Time between two drawings.
 const FRAME: Duration = Duration::from_millis(33);
-/// How far the hand turns for a drag over the picture's height, rad.
+/// Rotation of the hand for a drag over the picture's height, rad.
 const TURN: f64 = 3.0;
-/// How much nearer a point of the wheel brings.
+/// Logarithm of the zoom factor per point of the wheel.
 const WHEEL: f64 = 2e-3;
-/// Sizes of the window and of the panel beside the picture, points.
+/// Sizes of the window, of the panel beside the picture, and of its plots and swatches, points.
 const SIZE: [f32; 2] = [1280.0, 800.0];
 const PANEL: f32 = 330.0;
 const PLOT: f32 = 140.0;
 const SWATCH: f32 = 12.0;
-/// The longest arrow is that of the largest force so far, or of this, N.
-const LEAST_FULL: f64 = 0.2;
+/// Smallest force that the longest arrow stands for, N; otherwise it is the largest force so far.
+const MIN_FULL_FORCE: f64 = 0.2;
 
-/// Why a session was not shown to its end.
+/// Reason why a session was not shown to its end.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewError<E> {
-    /// There is no window.
+    /// The window could not be opened.
     #[error(
         "no window could be opened ({0}); it needs a display, and a GPU or a software driver such as Mesa's lavapipe"
     )]
@@ -47,34 +47,34 @@ pub enum ViewError<E> {
     Screenshot {
         /// The file.
         file: PathBuf,
-        /// What went wrong.
+        /// Reason of the failure.
         reason: String,
     },
-    /// What took the records ended the session.
+    /// The sink of the records ended the session.
     #[error("{0}")]
     Sink(E),
 }
 
-/// How a session is shown.
+/// Options of the display.
 #[derive(Clone, Debug, Default)]
 pub struct ViewOptions {
-    /// What stands over the window.
+    /// Title of the window.
     pub title: String,
-    /// How long the session lasts, s; without, until the window is closed.
+    /// Length of the session, s; if absent, it lasts until the window is closed.
     pub seconds: Option<f64>,
-    /// Where a picture of the window goes when the session has lasted.
+    /// File for a picture of the window at the end of the session.
     pub screenshot: Option<PathBuf>,
 }
 
-/// Runs a session in real time behind a window, until it has lasted, the window is closed or `stop` is set. The mouse moves
-/// the hand that is steered, where one is, on the plane that faces the viewer. Records go to `sink`, as with
-/// [`HapticRenderer::run_realtime`]. To be called in the main thread, once.
+/// Runs a session in real time behind a window, until it has lasted, the window is closed or `stop` is set.
+/// The mouse moves the steered hand, if there is one, in the plane that faces the viewer. Records go to
+/// `sink`, as with [`HapticRenderer::run_realtime`]. To be called in the main thread, once.
 ///
 /// # Errors
 /// If the window cannot be opened, the picture cannot be written, or with what `sink` returns.
 ///
 /// # Panics
-/// As [`HapticRenderer::run_realtime`].
+/// The same as [`HapticRenderer::run_realtime`].
 pub fn show<E: Send>(
     mut renderer: HapticRenderer,
     steering: Option<Steering>,
@@ -119,15 +119,15 @@ pub fn show<E: Send>(
     Ok(session)
 }
 
-/// What both threads know.
+/// State shared by the session's thread and the window's.
 struct Shared {
     live: Mutex<Live>,
     screenshot: Arc<Mutex<Option<Arc<ColorImage>>>>,
-    /// Whether the session is.
+    /// Whether the session is running.
     running: AtomicBool,
 }
 
-/// Neither thread leaves anything half done when it panics.
+/// Neither thread leaves the value inconsistent when it panics, so poisoning is ignored.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -141,7 +141,7 @@ impl Drop for ClearOnDrop<'_> {
     }
 }
 
-/// What is seen.
+/// Displayed objects, and the source of their contacts.
 struct Stage {
     watch: ContactMonitor,
     probe: Object,
@@ -149,11 +149,11 @@ struct Stage {
     hand: Option<SteeredHand>,
 }
 
-/// A hand that the mouse moves.
+/// Hand that the mouse moves.
 struct SteeredHand {
     steering: Steering,
     placement: HandlePlacement,
-    /// Where it is told to be in the world.
+    /// Intended pose in the world.
     aim: Pose,
 }
 
@@ -162,7 +162,7 @@ impl SteeredHand {
         Self { aim: placement.mesh_pose(&steering.aimed()), steering, placement }
     }
 
-    /// Shifts it (m), and turns it about itself (a rotation vector); world axes.
+    /// Shifts the hand (m), and turns it about itself (a rotation vector); world axes.
     fn move_by(&mut self, shift: DVec3, turn: DVec3) {
         self.aim.translation += shift;
         self.aim.rotation = (DQuat::from_scaled_axis(turn) * self.aim.rotation).normalize();
@@ -183,7 +183,7 @@ fn open(stage: Stage, shared: &Shared, options: &ViewOptions) -> eframe::Result 
     )
 }
 
-/// The window.
+/// State of the window.
 struct Window<'a> {
     stage: Stage,
     shared: &'a Shared,
@@ -196,7 +196,7 @@ struct Window<'a> {
     screenshot: Screenshot,
 }
 
-/// A picture of the window that is to be taken when the session has lasted.
+/// State of the picture of the window that is taken at the end of the session.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Screenshot {
     None,
@@ -226,7 +226,7 @@ impl<'a> Window<'a> {
         Ok(Self { stage, shared, camera, gpu, painter, scene, probe, texture, screenshot })
     }
 
-    /// The picture, and what the mouse does there.
+    /// Shows the picture, and handles the mouse there.
     fn show_scene(&mut self, ui: &mut Ui, pose: Pose, picture: &Picture) {
         let size = ui.available_size().max(egui::Vec2::splat(1.0));
         let scale = ui.ctx().pixels_per_point();
@@ -244,13 +244,13 @@ impl<'a> Window<'a> {
         self.use_mouse(ui, &response, f64::from(size.y));
     }
 
-    /// Where the probe is before the first step.
-    fn place_of_probe(&self) -> Pose {
+    /// Returns the pose of the probe before the first step.
+    fn initial_probe_pose(&self) -> Pose {
         self.stage.hand.as_ref().map_or(Pose::IDENTITY, |hand| hand.aim)
     }
 
-    /// The first button moves the hand, with the shift key turns it; the second one goes round, the third one shifts what is
-    /// seen, and the wheel comes nearer. Without a hand to move the first button goes round as well.
+    /// Handles the mouse: the first button moves the hand, and turns it with the shift key; the second
+    /// orbits, the third pans, and the wheel zooms. Without a hand the first button orbits as well.
     fn use_mouse(&mut self, ui: &Ui, response: &Response, height: f64) {
         let drag = response.drag_delta();
         let (right, down) = (f64::from(drag.x) / height, f64::from(drag.y) / height);
@@ -260,8 +260,8 @@ impl<'a> Window<'a> {
             Some(hand) if by(PointerButton::Primary) => {
                 let axes = self.camera.axes();
                 let turn = (axes.y_axis * right + axes.x_axis * down) * TURN;
-                let way = self.camera.across(right, down);
-                if shift { hand.move_by(DVec3::ZERO, turn) } else { hand.move_by(way, DVec3::ZERO) }
+                let offset = self.camera.across(right, down);
+                if shift { hand.move_by(DVec3::ZERO, turn) } else { hand.move_by(offset, DVec3::ZERO) }
             }
             _ if by(PointerButton::Middle) => self.camera.target -= self.camera.across(right, down),
             _ if response.dragged() => self.camera.orbit(right, down),
@@ -272,7 +272,7 @@ impl<'a> Window<'a> {
         }
     }
 
-    /// Figures, levels and plots.
+    /// Shows figures, levels and plots.
     fn show_panel(&self, ui: &mut Ui, live: &Live, levels: &[LevelColor]) {
         ui.add_space(4.0);
         ui.label(RichText::new(&live.device).strong());
@@ -318,10 +318,10 @@ impl<'a> Window<'a> {
 impl eframe::App for Window<'_> {
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
         let live = lock(&self.shared.live).clone();
-        let pose = live.latest.map_or_else(|| self.place_of_probe(), |record| record.object);
+        let pose = live.latest.map_or_else(|| self.initial_probe_pose(), |record| record.object);
         let Stage { watch, probe, scene, .. } = &mut self.stage;
         let picture =
-            Picture::new(watch.latest(), &probe.clod, &pose, scene, live.most.force.max(LEAST_FULL));
+            Picture::new(watch.latest(), &probe.clod, &pose, scene, live.most.force.max(MIN_FULL_FORCE));
         egui::Panel::right("panel")
             .exact_size(PANEL)
             .show(ui, |ui| self.show_panel(ui, &live, &picture.levels));
@@ -347,7 +347,7 @@ impl eframe::App for Window<'_> {
     }
 }
 
-/// The whole scene, and the probe beside it.
+/// Returns a view of the whole scene, with the probe beside it.
 fn first_view(stage: &Stage) -> Camera {
     let spheres = stage.scene.objects().iter().map(|placed| {
         let source = &placed.object.clod.source;
@@ -377,7 +377,7 @@ fn figures(live: &Live) -> Vec<(&'static str, String)> {
     ]
 }
 
-/// Columns over the time that has passed since them.
+/// Plots columns over the time since they were recorded.
 fn plot(ui: &mut Ui, name: &str, columns: Vec<f64>, color: Color32) {
     let count = columns.len() as f64;
     let points = (0..).map(f64::from).zip(columns).map(|(index, value)| [(index - count) * COLUMN, value]);
@@ -411,7 +411,7 @@ mod tests {
     use super::*;
     use palpate::settings::DeviceSettings;
 
-    /// The mouse moves the hand in the world, whatever the mapping to the device.
+    /// The mouse moves the hand in the world, independently of the mapping to the device.
     #[test]
     fn a_hand_is_moved_in_the_world() {
         let device_frame = Pose::new(DVec3::X, DQuat::from_rotation_z(0.7));
@@ -428,13 +428,13 @@ mod tests {
         let before = hand.aim;
         hand.move_by(DVec3::Y * 0.1, DVec3::ZERO);
         hand.move_by(DVec3::ZERO, DVec3::Z * 0.5);
-        let told = placement.mesh_pose(&hand.steering.aimed());
-        assert!(told.translation.distance(before.translation + DVec3::Y * 0.1) < 1e-12);
-        assert!(before.rotation_vector_to(&told).distance(DVec3::Z * 0.5) < 1e-12);
+        let aimed = placement.mesh_pose(&hand.steering.aimed());
+        assert!(aimed.translation.distance(before.translation + DVec3::Y * 0.1) < 1e-12);
+        assert!(before.rotation_vector_to(&aimed).distance(DVec3::Z * 0.5) < 1e-12);
     }
 
     #[test]
-    fn a_picture_that_was_not_taken_is_told() {
+    fn a_picture_that_was_not_taken_is_an_error() {
         assert!(write(Path::new("x.png"), None).unwrap_err().contains("closed before"));
         let image = Arc::new(ColorImage::filled([2, 2], Color32::RED));
         assert!(write(Path::new("no/such/folder/x.png"), Some(image)).is_err());

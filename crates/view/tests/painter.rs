@@ -1,4 +1,4 @@
-//! What is drawn, on whatever GPU there is: pixels of the scene, of patches that touch, of arrows, and of nothing.
+//! Drawn pixels of the scene, of patches in contact, of arrows, and of the background, on any GPU.
 
 use palpate::glam::DVec3;
 use palpate::{ContactForce, ContactSnapshot, Object, Pose, Scene, TouchingPatches};
@@ -14,7 +14,7 @@ fn painter() -> (Painter, wgpu::Device, wgpu::Queue) {
     (Painter::new(&device, &queue), device, queue)
 }
 
-/// The pixels drawn last, row by row.
+/// Returns the last drawn pixels, row by row.
 fn pixels(painter: &Painter, device: &wgpu::Device, queue: &wgpu::Queue) -> Vec<[u8; 4]> {
     let texture = painter.texture().expect("something was drawn");
     let bytes_per_row = 4 * SIZE[0];
@@ -47,7 +47,7 @@ fn scene_patches_arrows_and_nothing_are_where_they_should_be() {
     let radius = ball.bounding_radius();
     let camera = Camera { yaw: 0.0, pitch: 0.0, ..Camera::around(ball.clod.source.center, radius) };
     let scenery = [(painter.mesh(&mesh_corners(&ball.clod)), Pose::IDENTITY)];
-    // Away from the ball, to the right of it and out of what is seen.
+    // Away from the ball, to the right of it and out of view.
     let away = Pose::from_translation(DVec3::X * 100.0 * radius);
     let held = (painter.mesh(&mesh_corners(&probe.clod)), away);
 
@@ -65,7 +65,7 @@ fn scene_patches_arrows_and_nothing_are_where_they_should_be() {
     let disc = std::f64::consts::PI * (f64::from(SIZE[1]) / 2.4).powi(2);
     assert!((ball_pixels as f64 / disc - 1.0).abs() < 0.1, "{ball_pixels} of {disc}");
 
-    // The leaf of the ball that is nearest to the camera: red is the finest level.
+    // Leaf of the ball that is nearest to the camera: red is the finest level.
     let nodes = ball.clod.levels[0].nodes.clone();
     let nearest = nodes.min_by(|a, b| {
         let toward = |node: &u32| ball.clod.node(*node).center.y;
@@ -83,7 +83,7 @@ fn scene_patches_arrows_and_nothing_are_where_they_should_be() {
     assert!(marked.iter().filter(is_red).count() > 20, "{}", marked.iter().filter(is_red).count());
     assert!(marked.iter().filter(is_yellow).count() > 20, "{}", marked.iter().filter(is_yellow).count());
 
-    // The probe in front of the ball is seen, and seen through.
+    // The probe in front of the ball is visible and translucent.
     let veiled = draw(&Picture::default(), Pose::from_translation(-DVec3::Y * 1.5 * radius));
     let [red, _, blue, _] = veiled[middle];
     assert!(veiled[middle] != bare[middle] && red > blue, "{:?}", veiled[middle]);

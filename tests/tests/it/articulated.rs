@@ -1,4 +1,5 @@
-//! Forceps of two jaws with a hinge (§6.2.3): what they close on stops them, is felt at the gripper, and lets go.
+//! Forceps of two jaws with a hinge (§6.2.3): the object between them stops them, is felt at the gripper, and
+//! is released.
 
 use allocation_counter::measure;
 use palpate::device::{DeviceState, Emulation, GripperEmulation, GripperPath, Status};
@@ -12,14 +13,14 @@ use palpate::{
 };
 use palpate_tests::{FreeBody, model, smooth};
 
-/// Contacts begin at this distance, m.
+/// Distance at which contacts begin, m.
 const TOLERANCE: f64 = 4e-4;
-/// How far the ellipsoid between the jaws is from their hinge, and its half axes along and across them, m.
-const AWAY: f64 = 0.045;
+/// Distance of the ellipsoid between the jaws from their hinge, and its half axes along and across them, m.
+const DISTANCE: f64 = 0.045;
 const AXES: (f64, f64) = (0.016, 0.0075);
 const OPEN: f64 = 0.5;
 
-/// Two jaws of the same shape, 50 g each.
+/// Returns forceps of two equal jaws, 50 g each.
 fn forceps() -> HingedTool {
     let jaw = model("forceps-jaw@800");
     HingedTool {
@@ -32,7 +33,8 @@ fn forceps() -> HingedTool {
     }
 }
 
-/// The first jaw is turned by half the angle that the hand opens to, so that both meet the ellipsoid alike.
+/// Returns a device state whose first jaw is turned by half the opening angle, so that both meet the
+/// ellipsoid alike.
 fn device(opening: f64) -> DeviceState {
     let pose = Pose::new(DVec3::ZERO, DQuat::from_rotation_z(-0.5 * opening));
     DeviceState { time: 0.0, pose, twist: Twist::ZERO, buttons: 0, status: Status::OK }
@@ -65,7 +67,7 @@ fn hold(
     let device = Emulation::default().open(device(OPEN).pose).expect("a device");
     let fingers = GripperPath::function(|_| (OPEN, 0.0));
     let device = device.with_gripper(GripperEmulation::default(), fingers).expect("a gripper");
-    // These hosts' grippers are limited by nothing.
+    // These hosts' grippers have no limits.
     let port = gripper.port.unwrap_or(PortAxes {
         stiffness: f64::INFINITY,
         damping: f64::INFINITY,
@@ -78,17 +80,18 @@ fn hold(
     HapticRenderer::hinged(tool, scene.clone(), Box::new(device), *settings, &gripper)
 }
 
-/// Its shortest axis is across the jaws.
+/// Returns a scene of the ellipsoid, with its shortest axis across the jaws.
 fn with_ellipsoid() -> Scene {
     let across = DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2);
-    Scene::new().with(model("ellipsoid"), Pose::new(DVec3::X * AWAY, across))
+    Scene::new().with(model("ellipsoid"), Pose::new(DVec3::X * DISTANCE, across))
 }
 
 fn lockstep(scene: Scene) -> LockstepSession<Hinged> {
     renderer(scene).lockstep(ContactTiming::busy(500.0))
 }
 
-/// Steps with a gripper that closes from one angle to another in so many seconds and stays there as long again.
+/// Steps with a gripper that closes from one angle to another in so many seconds and stays there as long
+/// again.
 fn close(session: &mut LockstepSession<Hinged>, from: f64, to: f64, seconds: f64) -> Vec<HingedRecord> {
     let steps = (2.0 * seconds / session.period()) as usize;
     (0..steps)
@@ -108,10 +111,11 @@ fn closing_on_an_ellipsoid_stops_at_its_width_and_is_felt() {
     let mut session = lockstep(with_ellipsoid());
     let records = close(&mut session, OPEN, 0.0, 1.0);
     let end = last(&records);
-    // The two gripping faces, planes through the hinge, are tangent to it. Without friction it has slipped out of them a little.
+    // The gripping faces, planes through the hinge, are tangent to the ellipsoid. Without friction it has
+    // slipped out a little.
     let (long, short) = AXES;
-    let away = (DVec3::X * AWAY).distance(end.objects[0].translation);
-    assert!(away > AWAY + 1e-3 && away < AWAY + 5e-3, "{away} m");
+    let away = (DVec3::X * DISTANCE).distance(end.objects[0].translation);
+    assert!(away > DISTANCE + 1e-3 && away < DISTANCE + 5e-3, "{away} m");
     let tangent = (away * away - long * long).sqrt();
     let width = 2.0 * (short / tangent).atan();
     let off = (end.angle - width) * tangent;
@@ -121,14 +125,15 @@ fn closing_on_an_ellipsoid_stops_at_its_width_and_is_felt() {
     let spring = session.haptic().grip().stiffness * width;
     assert!((end.torque / spring - 1.0).abs() < 0.1, "{} N·m for a spring of {spring}", end.torque);
     assert_eq!(end.stop, 0.0);
-    // The moment of the contacts about the hinge, at rest, is what the gripper feels.
+    // The gripper feels the moment of the contacts about the hinge, at rest.
     let [_, jaw] = end.objects;
     let centre = session.haptic().body_state(ToolBody::Second).pose.translation;
     let moment = end.contact[1].about(jaw.translation - centre).torque;
     let axis = end.objects[0].transform_vector(DVec3::Z);
     let moment = moment.dot(axis);
     assert!((end.torque / moment - 1.0).abs() < 0.01, "{} N·m felt, {moment} N·m there", end.torque);
-    // The jaws press against each other: what is left for the hand is how it is pushed off the slope, and a little across.
+    // The jaws press against each other. The remaining force on the hand is along the slope, and a little
+    // across.
     let [first, second] = end.contact.map(|wrench| wrench.force);
     assert!(
         (first + second - end.coupling.force).length() < 1e-2,
@@ -136,12 +141,12 @@ fn closing_on_an_ellipsoid_stops_at_its_width_and_is_felt() {
         end.coupling
     );
     assert!(second.y > 3.0 && end.coupling.force.y.abs() < 0.2 * second.y, "{second} N, {:?}", end.coupling);
-    // Nothing is felt before the jaws reach it.
+    // Nothing is felt before the jaws reach the ellipsoid.
     let free = records.iter().filter(|record| record.contacts == [0, 0] && record.time > 0.2);
     let most = free.map(|record| record.torque.abs()).fold(0.0, f64::max);
     assert!(most < 0.3 * end.torque, "{most} N·m before that");
 
-    // It lets go.
+    // The ellipsoid is released.
     let records = close(&mut session, 0.0, OPEN, 0.5);
     let end = last(&records);
     assert!((end.angle - OPEN).abs() < 1e-4, "{} rad", end.angle);
@@ -150,7 +155,7 @@ fn closing_on_an_ellipsoid_stops_at_its_width_and_is_felt() {
 }
 
 #[test]
-fn closing_on_nothing_goes_to_the_stop() {
+fn closing_without_an_object_goes_to_the_stop() {
     let mut session = lockstep(Scene::new());
     let records = close(&mut session, OPEN, -0.1, 0.5);
     let end = last(&records);
@@ -170,9 +175,9 @@ fn at_rest_nothing_moves() {
     }
 }
 
-/// A free ellipsoid is closed on and taken along: what it gains the jaws have given.
+/// A free ellipsoid is gripped and carried along: the jaws give it the momentum that it gains.
 #[test]
-fn what_is_free_is_held_and_taken_along() {
+fn a_free_object_is_gripped_and_carried_along() {
     let (mass, dt) = (0.05, 1e-3);
     let settings =
         Settings { contact: ContactSettings { friction: 0.8, ..settings().contact }, ..settings() };
@@ -203,16 +208,16 @@ fn what_is_free_is_held_and_taken_along() {
             "step {step}: {momentum} of {given} N·s"
         );
     }
-    let way = body.pose.translation.z - start.translation.z;
+    let carried = body.pose.translation.z - start.translation.z;
     assert!(torque > 0.01, "{torque} N·m");
-    assert!((way - 0.02).abs() < 2e-3, "taken along by {way} m");
+    assert!((carried - 0.02).abs() < 2e-3, "carried by {carried} m");
     // It still rocks a little, from facet to facet.
     let restless = speeds[2800..].iter().copied().fold(0.0, f64::max);
     assert!(restless < 2e-3, "{restless} m/s at the end");
     assert_eq!(session.events().edit_refused, 0);
 }
 
-/// What the hand feels when it pulls the closed forceps sideways by 2 mm, N.
+/// Returns the force on the hand when it pulls the closed forceps sideways by 2 mm, N.
 fn pulled(friction: f64) -> f64 {
     let settings = Settings { contact: ContactSettings { friction, ..settings().contact }, ..settings() };
     let renderer = renderer_with(&with_ellipsoid(), &settings, &GripperSettings::default());
@@ -228,20 +233,20 @@ fn pulled(friction: f64) -> f64 {
 }
 
 #[test]
-fn what_is_held_with_friction_holds_against_a_pull() {
+fn a_grip_with_friction_resists_a_pull() {
     let (with, without) = (pulled(0.6), pulled(0.0));
     assert!(with > 0.15 && without.abs() < 0.3 * with, "{with} N with friction, {without} N without");
 }
 
 #[test]
-fn what_is_not_finite_is_held_and_never_sent() {
+fn readings_that_are_not_finite_are_held_and_never_sent() {
     let mut session = lockstep(with_ellipsoid());
     close(&mut session, OPEN, 0.0, 0.4);
     let bad = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
     for step in 0..300 {
         let mut state = device(0.0);
         let mut gripper = 0.0;
-        // For longer than is held, and for single readings.
+        // For longer than readings are held, and for single readings.
         let faulty = step % 60 < 25 || step % 7 == 0;
         if faulty && step % 120 < 60 {
             gripper = bad[step % 3];
@@ -256,11 +261,11 @@ fn what_is_not_finite_is_held_and_never_sent() {
         assert!((record.angle - before.angle).abs() < 0.05, "step {step}");
     }
     assert!(session.events().device_refused > 100);
-    // A gripper that jumps is not believed at once.
+    // A gripper that jumps is not trusted at once.
     close(&mut session, 0.0, 0.0, 0.2);
     let record = session.step(&device(0.0), 3.0);
     assert_eq!(record.gripper, 0.0);
-    // One that stays lost is let go of.
+    // The torque goes to zero for a gripper that stays lost.
     let mut torque = f64::NAN;
     for _ in 0..100 {
         torque = session.step(&device(0.0), f64::NAN).torque;
@@ -281,21 +286,21 @@ fn a_host_steps_without_allocating() {
             most = most.max(torque);
         });
         allocated += counted.count_total;
-        // As a host's clock does, so that contacts are found meanwhile.
+        // As with a host's clock, so that contacts are found meanwhile.
         std::thread::sleep(std::time::Duration::from_micros(200));
     }
     assert_eq!(allocated, 0);
     let touched = session.latest().is_some_and(|record| record.contacts.iter().all(|&contacts| contacts > 0));
     assert!(touched && most > 0.05, "{most} N·m");
     assert_eq!(session.events().step_refused, 0);
-    // No time passes in a step that is none.
+    // A step without duration changes no time.
     let before = *session.latest().expect("a step");
     assert_eq!(session.step(0.0, &device(OPEN), OPEN), (before.coupling, before.torque));
     assert_eq!(session.latest(), Some(&before));
 }
 
 #[test]
-fn the_simulated_clock_gives_the_same_each_time() {
+fn the_simulated_clock_is_reproducible() {
     let run = || close(&mut lockstep(with_ellipsoid()), OPEN, 0.0, 0.2);
     let (first, second) = (run(), run());
     let bits = |records: &[HingedRecord]| -> Vec<u64> {
@@ -305,7 +310,7 @@ fn the_simulated_clock_gives_the_same_each_time() {
 }
 
 #[test]
-fn a_gripper_is_asked_for_no_more_than_it_can() {
+fn a_gripper_is_kept_within_its_limits() {
     let port = PortAxes {
         stiffness: f64::INFINITY,
         damping: f64::INFINITY,
@@ -327,7 +332,7 @@ fn a_gripper_is_asked_for_no_more_than_it_can() {
 }
 
 #[test]
-fn tools_and_settings_that_cannot_be_are_refused() {
+fn invalid_tools_and_settings_are_refused() {
     let new = |tool: &HingedTool, settings: &Settings, gripper: &GripperSettings| {
         hold(tool, &Scene::new(), settings, gripper).map(drop)
     };
@@ -344,7 +349,8 @@ fn tools_and_settings_that_cannot_be_are_refused() {
     assert!(matches!(new(&forceps(), &settings(), &nan), Err(RendererError::Tool(ToolError::Settings(_)))));
 }
 
-/// Forceps on an emulated device whose fingers close on an ellipsoid: driven, recorded and tuned as a rigid object is.
+/// Forceps on an emulated device whose fingers close on an ellipsoid: driven, recorded and edited as a rigid
+/// object is.
 #[test]
 fn a_gripper_of_the_device_closes_the_tool_with_every_driver() {
     let opened = |seconds: f64| {

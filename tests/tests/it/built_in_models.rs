@@ -1,21 +1,21 @@
-//! The built-in models keep what is promised of them: size of the dissertation's tables, closed, 2-manifold, oriented,
-//! free of self-intersections, the same each time.
+//! Properties of the built-in models: sizes of the dissertation's tables, closed, 2-manifold, oriented, free
+//! of self-intersections, reproducible.
 
 use palpate::mesh_io::self_intersections;
 use palpate::models::Model;
 
-/// Models with more triangles than this take minutes to examine in a development build.
-const LARGE: usize = 41_000;
+/// Triangle count above which models take minutes to examine in a development build.
+const MAX_QUICK_TRIANGLES: usize = 41_000;
 
 #[test]
 fn models_are_sound_and_as_large_as_in_the_dissertation() {
-    sound_and_as_large_as_in_the_dissertation(|triangles| triangles <= LARGE);
+    sound_and_as_large_as_in_the_dissertation(|triangles| triangles <= MAX_QUICK_TRIANGLES);
 }
 
 #[test]
 #[ignore = "for a release build: cargo test --release -p palpate-tests --test it built_in_models:: -- --ignored"]
 fn large_models_of_full_size_are_sound() {
-    sound_and_as_large_as_in_the_dissertation(|triangles| triangles > LARGE);
+    sound_and_as_large_as_in_the_dissertation(|triangles| triangles > MAX_QUICK_TRIANGLES);
 }
 
 fn sound_and_as_large_as_in_the_dissertation(size: impl Fn(usize) -> bool) {
@@ -61,7 +61,7 @@ fn follow_the_count(asked: usize) {
         let report = mesh.validate();
         assert!(report.is_solid(), "{}@{asked}: {report:?}", model.name());
         assert_eq!(self_intersections(&mesh).count, 0, "{}@{asked}", model.name());
-        if model.default_triangles() > LARGE {
+        if model.default_triangles() > MAX_QUICK_TRIANGLES {
             let again = model.generate(asked);
             assert_eq!(again.as_ref(), Ok(&mesh), "{}@{asked} differs when generated again", model.name());
         }

@@ -1,9 +1,9 @@
-//! Damaged `.clod` files: reading one ends in a hierarchy or an error, never a panic, and takes memory in proportion to
-//! the bytes that are there. What is accepted survives use: contact queries against a sound object.
+//! Damaged `.clod` files: reading one ends in a hierarchy or an error, never a panic, and takes memory in
+//! proportion to the file's size. Accepted hierarchies survive contact queries with a sound object.
 //!
-//! Most files are resealed (length and checksum put right) after the damage, so that it reaches the checks behind them.
-//! Some are damaged copies of loosened hierarchies, whose spheres, s and h are larger than they need to be: in these,
-//! wrong geometry is valid and reaches the queries.
+//! Most files are resealed (length and checksum corrected) after the damage, so that it reaches the checks
+//! behind these. Some are damaged copies of loosened hierarchies, whose spheres, s and h are larger than
+//! necessary: in these, wrong geometry is valid and reaches the queries.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -22,24 +22,24 @@ use rand::{Rng, RngExt, SeedableRng, rngs::StdRng};
 
 const SEED: u64 = 0x00c1_0d00;
 
-/// Where the header says how long the body is, where its checksum is stored, and where the body begins.
+/// Offsets of the body's length and checksum in the header, and of the body.
 const LENGTH_AT: usize = 12;
 const CHECKSUM_AT: usize = 20;
 const BODY_AT: usize = 24;
-/// Where the body's counts of elements end.
+/// Offset at which the body's element counts end.
 const COUNTS_END: usize = BODY_AT + 16;
 
-/// Memory that reading may hold at once: so many times the bytes of the file, while growing arrays are moved, and so much
-/// more for the block that is decoded and for messages.
+/// Bounds on the memory held while reading: so many times the bytes of the file, since growing arrays are
+/// moved, plus a constant for the decoded block and for messages.
 const BYTES_PER_BYTE: u64 = 3;
-const BYTES_BESIDES: u64 = 72 << 10;
+const EXTRA_BYTES: u64 = 72 << 10;
 
 /// One file in this many is also read from the disk, where its length is known beforehand.
-const ON_DISK: usize = 50;
+const DISK_INTERVAL: usize = 50;
 
-/// Longest that reading and querying one file may take: even in a debug build on a loaded machine, a hundred times more
-/// than it does.
-const LONGEST: Duration = Duration::from_secs(20);
+/// Longest time to read and query one file: a hundred times the usual time in a debug build on a loaded
+/// machine.
+const MAX_DURATION: Duration = Duration::from_secs(20);
 
 #[test]
 fn mutated_files_are_refused_or_usable() {
@@ -52,14 +52,14 @@ fn a_million_mutated_files_are_refused_or_usable() {
     mutate_files(1_000_000);
 }
 
-/// What became of the files.
+/// Counts of the files by result.
 #[derive(Default)]
 struct Tally {
     refused: AtomicUsize,
     accepted: AtomicUsize,
     changed: AtomicUsize,
     touching: AtomicUsize,
-    /// Largest of: memory held while reading, in thousandths of what is allowed.
+    /// Largest memory held while reading, in thousandths of what is allowed.
     memory: AtomicUsize,
     /// Longest time for one file, ms.
     longest: AtomicUsize,
@@ -79,8 +79,8 @@ fn mutate_files(count: usize) {
                 while let Some(case) = Some(next.fetch_add(1, Ordering::Relaxed)).filter(|c| *c < count) {
                     let mut random = StdRng::seed_from_u64(SEED + case as u64);
                     let bytes = mutated(seeds, &mut random);
-                    let disk = (case % ON_DISK == 0).then_some(path.as_path());
-                    // A failure has to be found again.
+                    let disk = (case % DISK_INTERVAL == 0).then_some(path.as_path());
+                    // A failure has to be reproducible.
                     let checked = catch_unwind(AssertUnwindSafe(|| check(&bytes, seeds, sound, disk, tally)));
                     assert!(checked.is_ok(), "case {case} of seed {SEED:#x}, {} bytes", bytes.len());
                 }
@@ -100,7 +100,7 @@ fn mutate_files(count: usize) {
     say(&summary);
 }
 
-/// Straight to the stream: the test runner keeps back what the print macros say.
+/// Prints to the stream directly, since the test runner captures the print macros.
 fn say(text: &str) {
     use std::io::Write as _;
     let _ = writeln!(std::io::stderr(), "{text}");
@@ -109,7 +109,7 @@ fn say(text: &str) {
 /// Reads a file, and uses it if it is accepted.
 fn check(bytes: &[u8], seeds: &[Vec<u8>], sound: &Clod, disk: Option<&Path>, tally: &Tally) {
     let begun = Instant::now();
-    let allowed = BYTES_PER_BYTE * bytes.len() as u64 + BYTES_BESIDES;
+    let allowed = BYTES_PER_BYTE * bytes.len() as u64 + EXTRA_BYTES;
     let mut read = None;
     let memory = measure(|| read = Some(Clod::read(bytes))).bytes_max;
     assert!(memory <= allowed, "{memory} bytes of memory to read {}", bytes.len());
@@ -144,11 +144,11 @@ fn check(bytes: &[u8], seeds: &[Vec<u8>], sound: &Clod, disk: Option<&Path>, tal
         }
     }
     let took = begun.elapsed();
-    assert!(took < LONGEST, "{took:?}");
+    assert!(took < MAX_DURATION, "{took:?}");
     tally.longest.fetch_max(took.as_millis() as usize, Ordering::Relaxed);
 }
 
-/// Whether queries with a sound object, as probe and as scene, find contacts.
+/// Returns whether queries with a sound object, as probe and as scene, find contacts.
 fn touches(clod: &Clod, sound: &Clod) -> bool {
     let radius = sound.bounding_radius();
     let most = clod.nodes().len() * sound.nodes().len();
@@ -199,7 +199,7 @@ fn bytes_of(clod: &Parts) -> Vec<u8> {
     bytes
 }
 
-/// The files that are mutated.
+/// Returns the files that are mutated.
 fn seeds() -> Vec<Vec<u8>> {
     let mut seeds = Vec::new();
     for (model, triangles, simplify) in [
@@ -210,7 +210,7 @@ fn seeds() -> Vec<Vec<u8>> {
         (Model::Spoon, 400, true),
     ] {
         let Ok(mesh) = model.generate(triangles) else { panic!("{} has fewest triangles", model.name()) };
-        // All of a size, so that they touch the sound object.
+        // All of one size, so that they touch the sound object.
         let radius = mesh.bounding_sphere().radius;
         let vertices = mesh.vertices().iter().map(|v| *v * (0.03 / radius)).collect();
         let mesh = TriMesh::new(vertices, mesh.triangles().to_vec()).expect("the same triangles");
@@ -224,7 +224,7 @@ fn seeds() -> Vec<Vec<u8>> {
     seeds
 }
 
-/// A file of the seeds, damaged once or, half the time, up to five times.
+/// Returns a file of the seeds, damaged once or, half the time, up to five times.
 fn mutated(seeds: &[Vec<u8>], random: &mut StdRng) -> Vec<u8> {
     let pick = |random: &mut StdRng| &seeds[random.random_range(0..seeds.len())];
     let mut bytes = pick(random).clone();
@@ -244,7 +244,7 @@ fn mutated(seeds: &[Vec<u8>], random: &mut StdRng) -> Vec<u8> {
             2 => bytes.truncate(random.random_range(0..bytes.len())),
             3 => splice(&mut bytes, pick(random), random),
             4 => {
-                // Words change places, such as two nodes' children.
+                // Words are swapped, such as two nodes' children.
                 let [a, b] = [0; 2].map(|_| word(&bytes, random));
                 let words = [a, b].map(|at| bytes[at..at + 4].to_vec());
                 bytes[a..a + 4].copy_from_slice(&words[1]);
@@ -270,14 +270,14 @@ fn mutated(seeds: &[Vec<u8>], random: &mut StdRng) -> Vec<u8> {
     bytes
 }
 
-/// Where a word begins, in the first part of the body half the time: levels and nodes come first.
+/// Returns the offset of a word, in the first part of the body half the time: levels and nodes come first.
 fn word(bytes: &[u8], random: &mut StdRng) -> usize {
     let words = (bytes.len() - BODY_AT) / 4 - 1;
     let words = if random.random() { words } else { (words / 4).max(1) };
     BODY_AT + 4 * random.random_range(0..words)
 }
 
-/// Replaces or inserts a stretch of another file, or cuts one out.
+/// Replaces or inserts a stretch of another file, or removes one.
 fn splice(bytes: &mut Vec<u8>, other: &[u8], random: &mut StdRng) {
     let length = 4 * random.random_range(1..64usize).min(other.len() / 8);
     let from = BODY_AT + 4 * random.random_range(0..(other.len() - length - BODY_AT) / 4);
@@ -331,7 +331,7 @@ fn number(bytes: &mut [u8], at: usize, random: &mut StdRng) {
     *field = new.to_le_bytes();
 }
 
-/// Puts right what the header says of the body: its checksum, and nearly always its length.
+/// Corrects the body's checksum in the header, and nearly always its length.
 fn reseal(bytes: &mut [u8], random: &mut StdRng) {
     if bytes.len() < BODY_AT {
         return;

@@ -1,4 +1,5 @@
-//! Collision events of hosts that step through time (§3.4.4): when surfaces meet, also while the resolution changes.
+//! Collision events for hosts that step through time (§3.4.4): surfaces that meet, also while the resolution
+//! changes.
 
 use palpate::Pose;
 use palpate::clod_build::{BuildOptions, build, unwatched};
@@ -25,7 +26,8 @@ impl Fall {
         Self { query: ContactQuery::new(&ball, &torus), ball, torus, radius }
     }
 
-    /// The contacts at a gap between the bodies' bounding spheres (in radii of the ball) with an error likewise.
+    /// Returns the contacts at a gap between the bodies' bounding spheres with an error, both in radii of the
+    /// ball.
     fn contacts(&mut self, gap: f64, error: f64) -> Vec<PatchContact> {
         let x = self.torus.clod().bounding_radius() + (1.0 + gap) * self.radius;
         let pose = Pose::from_translation(x * DVec3::X);
@@ -44,7 +46,7 @@ fn deepest(contacts: &[PatchContact]) -> f64 {
     contacts.iter().map(|found| found.contact.depth).fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// The largest gap at which the surfaces penetrate, to within 1e-9 radii.
+/// Returns the largest gap at which the surfaces penetrate, to within 1e-9 radii.
 fn touching_gap(fall: &mut Fall, error: f64) -> f64 {
     let (mut apart, mut pressed) = (0.04, -0.2);
     while apart - pressed > 1e-9 {
@@ -81,8 +83,8 @@ fn surfaces_meet_when_they_touch() {
     }
 }
 
-/// The surfaces at one resolution are apart at both ends of the step, at the other they penetrate at both: no search would
-/// find an instant at which either meet.
+/// At one resolution the surfaces are apart at both ends of the step, at the other they penetrate at both: no
+/// search would find an instant at which either meet.
 #[test]
 fn surfaces_meet_once_when_the_resolution_changes() {
     let mut fall = Fall::new();

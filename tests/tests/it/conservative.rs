@@ -1,18 +1,19 @@
-//! At full resolution no region is missed where surfaces are close: contact queries against all close pairs of triangles,
-//! over random poses of every pair of models that queries are compared on, with the hierarchies as they are built and
-//! with hierarchies of random shape over the same patches.
+//! At full resolution no region of close surfaces is missed: contact queries are compared with all close
+//! pairs of triangles, over random poses of every pair of models that queries are benchmarked on, with the
+//! built hierarchies and with hierarchies of random shape over the same patches.
 //!
 //! For each pose, disjoint or penetrating, with d = 1 % of the probe's radius:
-//! - patches of which triangles intersect have a penetrating contact;
-//! - every local minimum of the distance within d that faces both objects has a contact at that distance, at the same
-//!   points or, where parallel features leave those open, between the same patches; unless patches there penetrate;
-//! - so each connected region of close pairs has a contact in it, but for those that are seen from behind (the far side of
-//!   a wall that is thinner than d); and none of its pairs is further from a contact of its own region than [`REACH`],
-//!   unless its own patches, which may be long, have one.
+//! - patches whose triangles intersect have a penetrating contact;
+//! - every local minimum of the distance within d that faces both objects has a contact at that distance, at
+//!   the same points or, where parallel features leave those open, between the same patches, unless patches
+//!   there penetrate;
+//! - so each connected region of close pairs has a contact in it, except those seen from behind (the far side
+//!   of a wall that is thinner than d); and no pair is further than [`REACH`] from a contact of its own
+//!   region, unless its own patches, which may be long, have one.
 //!
-//! `PALPATE_POSES` says how many poses a pair has, [`FEW`] by default or, for the real models, [`FEW_REAL`]; `PALPATE_PAIR`
-//! chooses the pairs whose names it is part of:
-//! `PALPATE_POSES=10000 cargo test --release -p palpate-tests --test it conservative:: -- --include-ignored --nocapture`.
+//! `PALPATE_POSES` sets the number of poses per pair, by default [`DEFAULT_POSES`] or, for the real models,
+//! [`DEFAULT_REAL_POSES`]; `PALPATE_PAIR` selects the pairs whose names contain it: `PALPATE_POSES=10000
+//! cargo test --release -p palpate-tests --test it conservative:: -- --include-ignored --nocapture`.
 
 use std::collections::{HashMap, HashSet};
 use std::io::Write as _;
@@ -31,31 +32,33 @@ use rand::{RngExt as _, SeedableRng as _};
 use rayon::prelude::*;
 
 const SEED: u64 = 0x0C05_EED5;
-/// Poses of a pair, by default.
-const FEW: usize = 40;
-const FEW_REAL: usize = 10;
-/// Poses that one workspace is taken through.
-const RUN: usize = 10;
-/// Hierarchies of random shape of each object.
+/// Default number of poses of a pair, and of a pair of real models.
+const DEFAULT_POSES: usize = 40;
+const DEFAULT_REAL_POSES: usize = 10;
+/// Number of poses for which one workspace is reused.
+const POSES_PER_WORKSPACE: usize = 10;
+/// Number of hierarchies of random shape of each object.
 const TREES: usize = 3;
-/// Triangles of built-in models.
+/// Number of triangles of built-in models.
 const SIZE: usize = 4_000;
-/// d, as a fraction of the probe's radius.
+/// Tolerance d relative to the probe's radius.
 const TOLERANCE: f64 = 0.01;
-/// How far a close pair may be from a contact of its region at most, likewise. A ball in a socket that is wider by less
-/// than d is close to it all over, and has few local minima.
+/// Largest distance of a close pair from a contact of its region, relative to the probe's radius. A ball in a
+/// socket that is wider by less than d is close to it all over, and has few local minima.
 const REACH: f64 = 0.5;
-/// Lengths that are told apart, as a fraction of both objects' radii; and how far apart points of equal contacts are.
-const SAME: f64 = 1e-9;
-const SAME_PLACE: f64 = 1e-7;
-/// How far apart two minima between the same patches may be of which only the closer one is reported, likewise: patches
-/// are convex to the builder's tolerance, and real models' vertices are rounded more coarsely.
-const ALMOST: f64 = 1e-3;
+/// Length below which distances count as equal, relative to both objects' radii; and likewise for the points
+/// of equal contacts.
+const EQUAL_LENGTH: f64 = 1e-9;
+const EQUAL_POINT: f64 = 1e-7;
+/// Largest distance of two minima between the same patches of which only the closer one is reported,
+/// likewise: patches are convex to the builder's tolerance, and real models' vertices are rounded more
+/// coarsely.
+const NEARBY_MINIMA: f64 = 1e-3;
 
 struct Body {
     surface: Surface,
     radius: f64,
-    /// As built, and then of random shape.
+    /// The built hierarchy, and then those of random shape.
     trees: Vec<Tree>,
 }
 
@@ -74,7 +77,7 @@ impl Body {
         Self { surface: Surface::new(mesh), radius, trees }
     }
 
-    /// A point of the surface and the normal there.
+    /// Returns a point of the surface and the normal there.
     fn point(&self, random: &mut StdRng) -> (DVec3, DVec3) {
         let mesh = &self.surface.mesh;
         let [a, b, c] = mesh.corners(random.random_range(0..mesh.triangles().len()));
@@ -83,9 +86,9 @@ impl Body {
     }
 }
 
-/// A pose at which the surfaces are close: a point of the probe opposite to one of the scene object, and turned at random.
-/// Three in four are those of the first contact of the probe coming along the normal. Of both, most are a part of d
-/// apart there, a third in by up to 2 d, and some are far in.
+/// Returns a pose at which the surfaces are close: a point of the probe opposite to one of the scene object,
+/// and a random turn. Three in four are poses of first contact of the probe as it comes along the normal. Of
+/// both kinds, most are less than d apart there, a third penetrate by up to 2 d, and some are far inside.
 fn near_pose(probe: &Body, scene: &Body, approach: &mut ContactQuery, random: &mut StdRng) -> Pose {
     let tolerance = TOLERANCE * probe.radius;
     let ((on_probe, normal), (on_scene, outwards)) = (probe.point(random), scene.point(random));
@@ -96,7 +99,7 @@ fn near_pose(probe: &Body, scene: &Body, approach: &mut ContactQuery, random: &m
     let mut touching = on_scene - turn * on_probe;
     if random.random_range(0..4) > 0 {
         touching += 2.0 * (probe.radius + scene.radius) * outwards;
-        // As far as it is clear, in shorter and shorter steps.
+        // Advances as far as it is clear, in shorter and shorter steps.
         let mut reach = probe.trees[0].shape.max_tolerance();
         for _ in 0..100 {
             let settings = QuerySettings::new(reach);
@@ -126,7 +129,7 @@ struct Tally {
     /// Regions seen from behind.
     behind: usize,
     minima: usize,
-    /// Convex queries that rounding or the bound on their iterations ended: what they found stands, and is compared.
+    /// Convex queries that ended by rounding or by their bound on iterations: their result is still compared.
     not_converged: usize,
     /// Largest distance of a close pair from a contact of its region, in the probe's radii.
     farthest: f64,
@@ -183,11 +186,11 @@ fn compare(
     for Minimum { pair, around: [at_p, at_q] } in minima {
         let patches: HashSet<[u32; 2]> =
             at_p.iter().flat_map(|i| at_q.iter().map(move |j| [*i, *j])).map(leaves).collect();
-        let same_distance = |depth: f64| (depth + pair.distance).abs() <= SAME * size;
+        let same_distance = |depth: f64| (depth + pair.distance).abs() <= EQUAL_LENGTH * size;
         let same_place = |points: [DVec3; 2]| {
-            points.iter().zip(pair.points).all(|(x, y)| x.distance(y) <= SAME_PLACE * size)
+            points.iter().zip(pair.points).all(|(x, y)| x.distance(y) <= EQUAL_POINT * size)
         };
-        let next_to = |p: DVec3| p.distance(pair.points[0]) <= ALMOST * size;
+        let next_to = |p: DVec3| p.distance(pair.points[0]) <= NEARBY_MINIMA * size;
         let of_patches = |nodes: &[u32; 2]| {
             let stands = |c: &Contact| {
                 c.depth >= 0.0 || same_distance(c.depth) || (c.depth > -pair.distance && next_to(c.point))
@@ -204,7 +207,8 @@ fn compare(
         }
     }
 
-    // The pairs of a contact's patches are of one region, or else the nearest of them tells which.
+    // A contact belongs to the region of its patches' pairs; if these are of several, to that of the nearest
+    // pair.
     let mut of_leaves = HashMap::<[u32; 2], Vec<usize>>::new();
     for (index, pair) in close.pairs.iter().enumerate() {
         of_leaves.entry(leaves(pair.triangles)).or_default().push(index);
@@ -238,11 +242,11 @@ fn compare(
     Ok(())
 }
 
-/// Takes one workspace a tree through consecutive poses.
+/// Takes one workspace per tree through consecutive poses.
 fn run(name: &str, bodies: [&Body; 2], first: usize, poses: usize) -> Tally {
     let [probe, scene] = bodies;
     let mut tally = Tally::default();
-    let number = first / RUN;
+    let number = first / POSES_PER_WORKSPACE;
     let chosen = [0, 1 + number % TREES].map(|tree| bodies.map(|body| &body.trees[tree]));
     let mut queries = chosen.map(|[a, b]| ContactQuery::new(&a.shape, &b.shape));
     let mut approach = ContactQuery::new(&probe.trees[0].shape, &scene.trees[0].shape);
@@ -250,7 +254,7 @@ fn run(name: &str, bodies: [&Body; 2], first: usize, poses: usize) -> Tally {
         let mut random = StdRng::seed_from_u64(SEED ^ index as u64);
         let pose = near_pose(probe, scene, &mut approach, &mut random);
         let close = ClosePairs::new(&probe.surface, &pose, &scene.surface, TOLERANCE * probe.radius);
-        let same = SAME * (probe.radius + scene.radius);
+        let same = EQUAL_LENGTH * (probe.radius + scene.radius);
         let minima = close.minima(&probe.surface, &pose, &scene.surface, same);
         for (query, trees) in queries.iter_mut().zip(chosen) {
             if let Err(fault) = compare(bodies, trees, query, &pose, (&close, &minima), &mut tally) {
@@ -268,19 +272,19 @@ fn run(name: &str, bodies: [&Body; 2], first: usize, poses: usize) -> Tally {
     tally
 }
 
-/// Says what was compared, and gives the first few faults.
+/// Prints what was compared, and returns the first few faults.
 fn sweep(name: &str, probe: TriMesh, scene: TriMesh, few: usize) -> Vec<String> {
     let poses = std::env::var("PALPATE_POSES").map_or(few, |text| text.parse().expect("a number of poses"));
     let mut random = StdRng::seed_from_u64(SEED);
     let [probe, scene] = [probe, scene].map(|mesh| Body::new(mesh, &mut random));
-    let runs: Vec<usize> = (0..poses).step_by(RUN).collect();
+    let runs: Vec<usize> = (0..poses).step_by(POSES_PER_WORKSPACE).collect();
     let tally = runs
         .into_par_iter()
-        .map(|first| run(name, [&probe, &scene], first, RUN.min(poses - first)))
+        .map(|first| run(name, [&probe, &scene], first, POSES_PER_WORKSPACE.min(poses - first)))
         .reduce(Tally::default, Tally::add);
     let Tally { disjoint, penetrating, pairs, regions, behind, minima, not_converged, farthest, mut faults } =
         tally;
-    // Straight to the stream: the test runner keeps back what the print macros say.
+    // Written to the stream directly, since the test runner captures the print macros.
     let _ = writeln!(
         std::io::stderr(),
         "{name}: {disjoint} disjoint and {penetrating} penetrating poses, {pairs} close pairs, {minima} local minima, \
@@ -295,7 +299,7 @@ fn sweep(name: &str, probe: TriMesh, scene: TriMesh, few: usize) -> Vec<String> 
     faults
 }
 
-/// Whether `PALPATE_PAIR` leaves a pair in.
+/// Returns whether `PALPATE_PAIR` selects a pair.
 fn is_chosen(name: &str) -> bool {
     std::env::var("PALPATE_PAIR").map_or(true, |part| name.contains(&part))
 }
@@ -326,12 +330,12 @@ fn sweep_built_in(pairs: &[(&str, Model, Model)]) {
     let mesh = |model: Model| model.generate(SIZE).expect("in range");
     let mut faults = Vec::new();
     for &(name, probe, scene) in pairs.iter().filter(|pair| is_chosen(pair.0)) {
-        faults.extend(sweep(name, mesh(probe), mesh(scene), FEW));
+        faults.extend(sweep(name, mesh(probe), mesh(scene), DEFAULT_POSES));
     }
     assert_none(&faults);
 }
 
-/// Runs over pairs of the optional real models.
+/// On pairs of the optional real models.
 #[test]
 #[ignore = "for a release build: cargo test --release -p palpate-tests --test it conservative:: -- --ignored --nocapture"]
 fn no_region_of_real_models_is_missed() {
@@ -348,7 +352,7 @@ fn no_region_of_real_models_is_missed() {
     let mut faults = Vec::new();
     for (name, probe, scene) in pairs.into_iter().filter(|pair| is_chosen(pair.0)) {
         if let (Some(probe), Some(scene)) = (mesh(probe), mesh(scene)) {
-            faults.extend(sweep(name, probe, scene, FEW_REAL));
+            faults.extend(sweep(name, probe, scene, DEFAULT_REAL_POSES));
         }
     }
     assert_none(&faults);

@@ -1,5 +1,5 @@
-//! Full-resolution contact queries, on real meshes against brute force over all pairs of triangles, and on built-in
-//! ones against hierarchies without levels of detail.
+//! Full-resolution contact queries, on real meshes against brute force over all pairs of triangles, and on
+//! built-in ones against hierarchies without levels of detail.
 
 use std::collections::{BTreeMap, HashSet};
 use std::sync::OnceLock;
@@ -26,7 +26,7 @@ struct Body {
 impl Body {
     fn load(path: &str) -> Option<Self> {
         let mesh = shared_mesh(path)?;
-        // At full resolution: `levels_of_detail_lose_no_contact` is about the rest.
+        // At full resolution; `levels_of_detail_lose_no_contact` covers the other levels.
         let options = BuildOptions { simplify: false, ..BuildOptions::default() };
         let clod = build(&mesh, &options, &mut unwatched).expect(path);
         let radius = clod.bounding_radius();
@@ -41,8 +41,8 @@ impl Body {
     }
 }
 
-/// Poses of the probe: some where the bodies are disjoint and near, some where they intersect. `tolerance`: d as a
-/// fraction of the probe's radius.
+/// Checks poses of the probe, some where the bodies are disjoint and near, and some where they intersect.
+/// `tolerance` is d relative to the probe's radius.
 fn check(probe_path: &str, scene_path: &str, tolerance: f64, poses: &[Pose]) {
     let (Some(probe), Some(scene)) = (Body::load(probe_path), Body::load(scene_path)) else { return };
     check_bodies(&probe, &scene, tolerance, poses);
@@ -101,7 +101,7 @@ fn check_disjoint(
         (Some(truth), Some(found)) => {
             assert!((truth - found).abs() < eps, "pose {index}: distance {found}, brute force {truth}");
         }
-        // At the very tolerance either answer is right.
+        // At exactly the tolerance either answer is right.
         (Some(d), None) | (None, Some(d)) => assert!((d - tolerance).abs() < eps, "pose {index}: {d}"),
     }
     for found in query.contacts() {
@@ -114,7 +114,7 @@ fn check_disjoint(
                 exact = exact.min(triangle_distance(a, b).0);
             }
         }
-        // A pair of patches may have several local minima, so its nearest points need not be these.
+        // A pair of patches may have several local minima, so these need not be its nearest points.
         assert!(-contact.depth > exact - eps, "pose {index}: {contact:?}, brute force {exact}");
         for (point, patch) in [(contact.point, &patches[0]), (contact.scene_point, &patches[1])] {
             let off =
@@ -142,7 +142,7 @@ fn dental_casts_agree_with_brute_force() {
 
 #[test]
 fn spoon_on_mug_agrees_with_brute_force() {
-    // The mug stands with its rim at z = 81 mm; the spoon lies across it and is let down.
+    // The mug stands with its rim at z = 81 mm; the spoon lies across it and is lowered.
     let poses: Vec<Pose> = [0.086, 0.083, 0.080, 0.078, 0.076, 0.074, 0.072, 0.070, 0.066]
         .into_iter()
         .enumerate()
@@ -154,7 +154,7 @@ fn spoon_on_mug_agrees_with_brute_force() {
     check("models/good/ycb_spoon.obj", "models/good/ycb_mug.obj", 0.05, &poses);
 }
 
-/// The peg standing on the floor of the hole, face on face, lifted by so much; with a turn about its axis.
+/// Lifts of the peg, which stands on the floor of the hole face on face, and turns about its axis.
 const PEG: [(f64, f64); 9] = [
     (1e-4, 0.2),
     (1e-6, 0.1),
@@ -192,14 +192,14 @@ fn a_peg_in_the_floor_is_as_deep_as_it_was_pressed() {
         let pose = standing((lift, turn));
         let outcome = query.run(&pose, &Pose::IDENTITY, &settings).unwrap();
         let deepest = outcome.deepest.expect("they touch");
-        // Along z they come apart after that much, so no two pieces of theirs are deeper.
+        // A translation by this depth along z separates them, so no two pieces of theirs are deeper.
         assert!((deepest + lift).abs() < 1e-9 * peg.radius, "pressed {} m, found {deepest} m", -lift);
         let down = |c: &&PatchContact| c.contact.depth >= 0.999 * deepest && c.contact.normal.z < -0.999;
         assert!(query.contacts().iter().any(|c| down(&c)), "pressed {} m: nothing pushes up", -lift);
     }
 }
 
-/// What a query finds, by the patches that meet: the depths of their contacts, in ascending order.
+/// Returns the depths of the contacts of each pair of patches, in ascending order.
 fn depths_by_patches(
     bodies: &[Body; 2],
     pose: &Pose,
@@ -210,7 +210,7 @@ fn depths_by_patches(
     let settings = QuerySettings::new(tolerance);
     let outcome = query.run(pose, &Pose::IDENTITY, &settings).unwrap();
     assert!(outcome.dropped == 0 && outcome.not_converged == 0, "{outcome:?}");
-    // The patches of the full mesh are the same ones, in another order: the first of their triangles tells them apart.
+    // The patches of the full mesh are the same in another order, and are identified by their first triangle.
     let name = |body: &Body, node: u32| {
         let triangles = body.patch(node, &Pose::IDENTITY).into_iter();
         triangles.map(|corners| corners.map(|p| p.to_array().map(f64::to_bits))).min().expect("a triangle")
@@ -224,7 +224,7 @@ fn depths_by_patches(
     found
 }
 
-/// Whatever stands above the leaves only decides which of them are looked at: it must not lose a contact.
+/// The levels above the leaves only decide which leaves are visited; no contact may be lost.
 #[test]
 fn levels_of_detail_lose_no_contact() {
     const SEED: u64 = 0x10_5e;
@@ -260,7 +260,7 @@ fn levels_of_detail_lose_no_contact() {
                 + direction * random.random_range(0.2..1.1) * (probe.radius + scene.radius);
             let pose_of_probe = Pose::new(middle - turn * probe.clod.source.center, turn);
             let place = format!("{models:?}, seed {SEED:#x}, pose {pose}");
-            // Whether a contact at the very tolerance is found is for rounding to say.
+            // Rounding decides whether a contact at exactly the tolerance is found.
             let mut found = built.iter().zip(&mut queries).map(|(bodies, query)| {
                 let mut found = depths_by_patches(bodies, &pose_of_probe, query, tolerance);
                 found.retain(|_, depths| {

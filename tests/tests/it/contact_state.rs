@@ -1,7 +1,7 @@
-//! The dissertation's experiments in contact (§5.5.3): how deep light objects go into stiff surfaces, and whether they are
-//! quiet there, with contacts found at various rates.
+//! Experiments of the dissertation in contact (§5.5.3): depth of light objects in stiff surfaces, and
+//! stability there, with contacts found at various rates.
 //!
-//! With the contact force of the last query in place of its linear model they are thrown about.
+//! With the contact force of the last query in place of the linearised model they are thrown about.
 
 use std::collections::VecDeque;
 
@@ -15,13 +15,13 @@ use palpate_tests::{first_touch, model, smooth};
 
 const STEP: f64 = 1e-3;
 
-/// An object this deep in another, m, is lost.
-const LOST: f64 = 5e-3;
+/// Depth at which an object counts as lost, m.
+const LOST_DEPTH: f64 = 5e-3;
 
-/// What the hand does: it comes down, presses, rubs, and holds still; in metres at the device.
+/// Task of the hand: it comes down, presses, rubs, and holds still; in metres at the device.
 #[derive(Clone, Copy)]
 struct Task {
-    /// How far past the touch the hand means to go, m.
+    /// Depth beyond the touch that the hand aims at, m.
     press: f64,
     /// Amplitudes of rubbing, m, and twisting, rad, and their frequency, Hz.
     rub: f64,
@@ -29,15 +29,15 @@ struct Task {
     frequency: f64,
 }
 
-/// Seconds until it sets out, has pressed down, has rubbed, rubbed, and at the end.
+/// Times at which the hand starts, has pressed down, has rubbed, and ends, s.
 const TIMES: [f64; 4] = [0.2, 0.7, 2.2, 3.0];
 
-/// What was seen.
+/// Observations.
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
-    /// The deepest penetration that a query found, m.
+    /// Deepest penetration that a query found, m.
     depth: f64,
-    /// How far the object came from its mean place in the last half second, m.
+    /// Largest distance of the object from its mean position in the last half second, m.
     wander: f64,
     /// Mean force at the device in the last half second, N, and the largest difference from it.
     force: DVec3,
@@ -59,12 +59,12 @@ fn intended(touch: DVec3, task: &Task) -> MotionPath {
     MotionPath::new(samples, Interpolation::Smooth).expect("a path")
 }
 
-/// Renders the task with queries at `rate` (Hz), each taking its whole period; with `hold`, the force stays what it was at
-/// the state that the query saw.
+/// Renders the task with queries at `rate` (Hz), each of which takes its whole period. With `hold`, the force
+/// is frozen at the state that the query saw.
 fn render(probe: &Object, scene: &Object, settings: Settings, task: &Task, rate: f64, hold: bool) -> Seen {
     let touch = first_touch(probe, scene);
     let placed = Scene::new().with(scene.clone(), Pose::IDENTITY);
-    // The touch is where it is in the world, whatever the scale.
+    // The position of the touch in the world does not depend on the scale.
     let scale = settings.device.workspace_scale;
     let settings = Settings {
         device: DeviceSettings { frame: Pose::from_translation(touch * (1.0 - scale)), ..settings.device },
@@ -85,7 +85,7 @@ fn render(probe: &Object, scene: &Object, settings: Settings, task: &Task, rate:
             }
             let mut update = contact.step(haptic.body_state(), now - STEP);
             seen.depth = seen.depth.max(update.depth);
-            if seen.depth > LOST {
+            if seen.depth > LOST_DEPTH {
                 return seen;
             }
             if hold {
@@ -109,10 +109,10 @@ fn render(probe: &Object, scene: &Object, settings: Settings, task: &Task, rate:
 }
 
 #[test]
-fn spoon_in_cup_is_shallow_and_quiet() {
+fn spoon_in_cup_is_shallow_and_at_rest() {
     let (spoon, cup) = (model("spoon@1344"), model("cup@4000"));
     let task = Task { press: 12e-3, rub: 5e-3, twist: 0.05, frequency: 1.0 };
-    // The dissertation's, of which the second oscillated, and one more.
+    // The dissertation's cases, of which the second oscillated, and one more.
     for (mass, contact_stiffness, bound) in [(0.01, 2e3, 6e-4), (0.1, 1e4, 2e-4), (0.01, 1e4, 2e-4)] {
         for rate in [1000.0, 500.0, 200.0] {
             let settings = Settings {
@@ -135,8 +135,8 @@ fn spoon_in_cup_is_shallow_and_quiet() {
     }
 }
 
-/// The slower contacts are found, the further teeth pass one another between queries, unknown to the planes: they go in
-/// deeper, and light jaws swing between them, but by no more than that.
+/// The slower contacts are found, the further teeth pass one another between queries, unknown to the planes.
+/// Light jaws then go in deeper and oscillate by as much, but by no more.
 #[test]
 fn jaws_stay_in_place_at_slow_contact_rates_by_the_linearised_model_alone() {
     let (upper, lower) = (model("upper-jaw@5000"), model("lower-jaw@5000"));
@@ -157,15 +157,16 @@ fn jaws_stay_in_place_at_slow_contact_rates_by_the_linearised_model_alone() {
         assert!(seen.depth < depth && seen.wander < wander, "{context}");
         let held = render(&upper, &lower, settings, &task, rate, true);
         assert!(
-            held.depth > LOST,
+            held.depth > LOST_DEPTH,
             "stable without the model as well, and nothing is shown: {rate} Hz: {held:?}"
         );
     }
 }
 
-/// What has many small faces, pressed on a flat one and on one with dimples, comes to rest on some of them.
+/// Objects with many small faces, pressed on a flat surface and on one with dimples, come to rest on some of
+/// the faces.
 #[test]
-fn what_has_facets_comes_to_rest() {
+fn objects_with_facets_come_to_rest() {
     let probe = model("ellipsoid@500");
     let task = Task { press: 12e-3, rub: 0.0, twist: 0.0, frequency: 0.0 };
     for scene in ["block@300", "golf-ball@5000"].map(model) {

@@ -1,5 +1,5 @@
-//! A device whose wrenches come late: the coupling that is chosen for it stays quiet against a wall, and the one that a device
-//! without delay would get does not.
+//! Device with a delay: the coupling that is chosen for it is stable against a wall, and the one for a device
+//! without delay is not.
 
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
@@ -11,17 +11,17 @@ use palpate::{ContactTiming, HapticRenderer, Pose, Scene, Settings, Twist};
 use palpate_tests::{first_touch, model, smooth};
 
 const SECONDS: f64 = 3.0;
-/// Where the hand means to be in the end, m behind the surface.
-const DEEP: f64 = 5e-3;
+/// Intended depth behind the surface at the end, m.
+const DEPTH: f64 = 5e-3;
 
-/// How far the force (N) goes up and down in the last second, and its mean, of a soft hand, without damping, that presses a
-/// ball onto a ball.
+/// Presses a ball onto a ball by a soft hand without damping. Returns the range of the force (N) in the last
+/// second, and its mean.
 fn press(address: &str, settings: Settings) -> (f64, f64) {
     let (probe, wall) = (model("ellipsoid@500"), model("golf-ball@2000"));
     let start = first_touch(&probe, &wall) + DVec3::Z * 1e-3;
     let path = IntendedPath::function(|time| {
-        let way = (1e-3 + DEEP) * smooth(0.3, 0.8, time);
-        (Pose::from_translation(DVec3::NEG_Z * way), Twist::ZERO)
+        let travel = (1e-3 + DEPTH) * smooth(0.3, 0.8, time);
+        (Pose::from_translation(DVec3::NEG_Z * travel), Twist::ZERO)
     });
     let hand = EmulatedHand::at(address).expect("an emulated device").expect("settings of one");
     let device = Box::new(hand.emulation.open(path).expect("an emulation"));
@@ -43,8 +43,8 @@ fn press(address: &str, settings: Settings) -> (f64, f64) {
 }
 
 #[test]
-fn a_late_device_is_quiet_with_the_coupling_that_is_chosen_for_it() {
-    // Nothing but the damping of the handle itself brings it to rest.
+fn a_device_with_delay_is_stable_with_the_coupling_chosen_for_it() {
+    // Only the damping of the handle itself brings it to rest.
     for delay in ["0", "1e-3", "2e-3", "5e-3"] {
         let address =
             format!("emulated:premium-1.5,delay={delay},hand=none,hand.stiffness=100,handle.friction=0");
@@ -54,7 +54,7 @@ fn a_late_device_is_quiet_with_the_coupling_that_is_chosen_for_it() {
 }
 
 #[test]
-fn the_coupling_of_a_device_without_delay_swings_on_a_late_one() {
+fn the_coupling_of_a_device_without_delay_oscillates_on_one_with_delay() {
     let early = Settings {
         coupling: CouplingSettings { stiffness: Some(400.0), ..CouplingSettings::default() },
         ..Settings::default()

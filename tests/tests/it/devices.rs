@@ -1,4 +1,4 @@
-//! Sessions with devices that speak HID, over a wire that is not there.
+//! Sessions with HID devices over a simulated wire.
 
 use palpate::device::hid::WoodenHapticsModel;
 use palpate::device::link::{FakeWire, Link};
@@ -7,7 +7,7 @@ use palpate::glam::DVec3;
 use palpate::{ContactLoop, HapticLoop, HapticRenderer, Pose, Scene, Settings};
 use palpate_tests::model;
 
-/// A session in the loops of a host, a device's pump among them.
+/// Session in the loops of a host, including the device's pump.
 struct Rig<P> {
     wire: FakeWire,
     pump: P,
@@ -17,7 +17,7 @@ struct Rig<P> {
     now: f64,
 }
 
-/// An ellipsoid above a block, in the hand by a device.
+/// Returns the loops of an ellipsoid above a block, held by a device.
 fn loops(device: impl HapticDevice + 'static) -> (HapticLoop, ContactLoop, Box<dyn HapticDevice>) {
     let scene = Scene::new().with(model("block@300"), Pose::from_translation(-DVec3::Z * 0.2));
     let renderer = HapticRenderer::new(model("ellipsoid@500"), scene, Box::new(device), Settings::default());
@@ -25,7 +25,7 @@ fn loops(device: impl HapticDevice + 'static) -> (HapticLoop, ContactLoop, Box<d
 }
 
 impl<P: FnMut(f64)> Rig<P> {
-    /// A millisecond: where the object is, and the coupling force.
+    /// Advances by a millisecond; returns the object's position and the coupling force.
     fn tick(&mut self, report: &[u8]) -> (DVec3, DVec3) {
         self.now += 1e-3;
         self.wire.send(report);
@@ -51,7 +51,7 @@ fn an_object_follows_a_cap() {
     for _ in 0..500 {
         place = rig.tick(&[1, 0x5e, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]).0;
     }
-    // At 0.1 m/s, and a little behind.
+    // At 0.1 m/s, and slightly behind.
     assert!((0.03..0.051).contains(&place.x) && place.y.abs() < 1e-6, "{place}");
     for _ in 0..500 {
         place = rig.tick(&[1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]).0;

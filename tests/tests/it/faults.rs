@@ -1,4 +1,5 @@
-//! Faults of a hand, a device, a host or a machine that could hurt: each is shown here by what it would make the wrench do.
+//! Faults of a hand, a device, a host or a machine that could hurt: each test shows the wrench that it would
+//! cause.
 
 use std::f64::consts::TAU;
 
@@ -16,10 +17,10 @@ const PERIOD: f64 = 1e-3;
 /// Peak force of the device, N.
 const PEAK: f64 = 8.5;
 
-/// A host's loop, with a contact query that finds a floor.
+/// Host's loop, with a contact query that finds a floor.
 struct Rig {
     haptic: HapticLoop,
-    /// Height over the world's origin (m) and damping (N·s/m) of a floor of 2 kN/m; none without one.
+    /// Height over the world's origin (m) and damping (N·s/m) of a floor of 2 kN/m, if there is one.
     floor: Option<(f64, f64)>,
     /// Whether contacts are found.
     queries: bool,
@@ -34,14 +35,14 @@ impl Rig {
         Self { haptic, floor: None, queries: true, now: 0.0 }
     }
 
-    /// With a floor of 2 kN/m whose surface is `depth` (m) above where the object is.
+    /// Returns a rig with a floor of 2 kN/m whose surface is `depth` (m) above the object.
     fn on_floor(settings: Settings, depth: f64) -> Self {
         let rig = Self::new(settings);
         let height = rig.haptic.body_state().pose.translation.z + depth;
         Self { floor: Some((height, 20.0)), ..rig }
     }
 
-    /// What a contact query finds, under the object's centre of mass.
+    /// Returns the contact of the floor under the object's centre of mass.
     fn query(&self) -> ContactUpdate {
         let center = self.haptic.body_state().pose;
         let none = LinearContactModel::empty(&center, self.now);
@@ -79,7 +80,7 @@ impl Rig {
             .expect("a step")
     }
 
-    /// What a device says `elapsed` (s) from now, its time being the host's.
+    /// Returns a state of the device `elapsed` (s) from now, with the host's time.
     fn moving(&self, place: DVec3, velocity: DVec3, elapsed: f64) -> DeviceState {
         DeviceState {
             time: self.now + elapsed,
@@ -91,7 +92,7 @@ impl Rig {
     }
 }
 
-/// Fault 4: 40 mm in 40 ms are 1 m/s, though the step that comes late integrates 5 ms of them.
+/// 40 mm in 40 ms are 1 m/s, even though the late step integrates only 5 ms of them.
 #[test]
 fn a_late_wake_up_makes_no_spike_of_velocity() {
     let mut rig = Rig::new(Settings::default());
@@ -117,9 +118,9 @@ fn a_late_wake_up_makes_no_spike_of_velocity() {
     assert!(most < 0.5 * PEAK, "{most} N after a wake-up 40 ms late, without contact");
 }
 
-/// Fault 5: a device that reports every other step has the velocity that it has, not nothing and twice as much in turn.
+/// A device that reports every other step keeps its velocity, instead of zero and twice as much in turn.
 #[test]
-fn readings_that_are_stale_are_not_taken_for_rest() {
+fn stale_readings_do_not_count_as_rest() {
     let ripple = |every: usize| {
         let mut rig = Rig::new(Settings::default());
         let speed = DVec3::X * 0.3;
@@ -142,9 +143,9 @@ fn readings_that_are_stale_are_not_taken_for_rest() {
     assert!(other < 0.2, "{other} N of ripple at half the rate");
 }
 
-/// A device most of whose readings are nonsense is not to be trusted for those that a hand could have made.
+/// A device whose readings are mostly nonsense is not trusted for the plausible ones.
 #[test]
-fn a_device_that_talks_nonsense_gets_no_wrench() {
+fn a_device_that_reports_nonsense_gets_no_wrench() {
     let mut rig = Rig::on_floor(Settings::default(), 5e-3);
     let before = rig.rest(400, DVec3::ZERO).coupling.force.z;
     assert!(before > 1.0, "{before} N");
@@ -164,7 +165,7 @@ fn a_device_that_talks_nonsense_gets_no_wrench() {
     );
     let after = rig.rest(400, DVec3::ZERO).coupling.force.z;
     assert!((after - before).abs() < 0.01 * before, "{after} N once its readings are good");
-    // One in ten is refused, and no more.
+    // Only one reading in ten is refused.
     let mut least = f64::INFINITY;
     for step in 0..500 {
         let state = rig.moving(if step % 10 == 0 { DVec3::ONE } else { DVec3::ZERO }, DVec3::ZERO, PERIOD);
@@ -173,9 +174,9 @@ fn a_device_that_talks_nonsense_gets_no_wrench() {
     assert!(least > 0.9 * before, "{least} N of {before} N with a bad reading in ten");
 }
 
-/// Fault 6: what the driver took back comes up anew.
+/// A wrench that the driver withdrew comes up from zero.
 #[test]
-fn a_wrench_that_the_driver_withheld_comes_up_from_nothing() {
+fn a_wrench_that_the_driver_withheld_comes_up_from_zero() {
     let mut rig = Rig::on_floor(Settings::default(), 5e-3);
     let before = rig.rest(400, DVec3::ZERO).coupling.force.z;
     assert!(before > 1.0, "{before} N");
@@ -188,7 +189,7 @@ fn a_wrench_that_the_driver_withheld_comes_up_from_nothing() {
     assert!((back - before).abs() < 1e-3, "{back} N");
 }
 
-/// Fault 7: one long step of a host does not bring the wrench up at once.
+/// One long step of a host does not bring the wrench up at once.
 #[test]
 fn a_long_step_of_a_host_does_not_complete_the_engagement() {
     let mut rig = Rig::on_floor(Settings::default(), 5e-3);
@@ -197,9 +198,9 @@ fn a_long_step_of_a_host_does_not_complete_the_engagement() {
     assert!(first < 0.02 * PEAK, "{first} N in the first write");
 }
 
-/// Fault 8: contacts of long ago hold nothing.
+/// Old contacts do not push.
 #[test]
-fn planes_that_are_old_let_go() {
+fn old_planes_do_not_push() {
     let mut rig = Rig::on_floor(Settings::default(), 5e-3);
     let before = rig.rest(400, DVec3::ZERO).coupling.force.z;
     assert!(before > 1.0, "{before} N");
@@ -208,13 +209,13 @@ fn planes_that_are_old_let_go() {
     assert_eq!(after, Wrench::ZERO, "100 ms after the last contact model");
 }
 
-/// Fault 8: nor do those of far away.
+/// Contacts found far away do not push.
 #[test]
-fn planes_that_were_found_far_away_let_go() {
+fn planes_found_far_away_do_not_push() {
     let mut rig = Rig::on_floor(Settings::default(), 5e-3);
     rig.rest(400, DVec3::ZERO);
     rig.queries = false;
-    // In 30 ms the hand is 15 cm aside, three radii of what it holds.
+    // In 30 ms the hand is 15 cm aside, three radii of the held object.
     let speed = DVec3::X * 5.0;
     let mut place = DVec3::ZERO;
     let mut pushed = 0.0;
@@ -226,7 +227,7 @@ fn planes_that_were_found_far_away_let_go() {
     assert!(pushed.abs() < 0.05, "{pushed} N along the normal of a plane that is 15 cm behind");
 }
 
-/// Fault 10: a device that comes back elsewhere holds the object where it is.
+/// A device that comes back elsewhere leaves the object where it is.
 #[test]
 fn a_hand_that_is_found_elsewhere_does_not_drag_the_object() {
     let mut rig = Rig::new(Settings::default());
@@ -246,7 +247,7 @@ fn a_hand_that_is_found_elsewhere_does_not_drag_the_object() {
     }
     let dragged = rig.haptic.object_pose().translation.distance(held.translation);
     assert!(dragged < 1e-3 && most < 0.05, "dragged by {dragged} m with {most} N");
-    // From there it follows.
+    // The object follows from there.
     for step in 1..=300 {
         let x = 0.08 + 1e-4 * f64::from(step);
         let mut state = rig.moving(DVec3::X * x, DVec3::X * 0.1, PERIOD);
@@ -257,7 +258,7 @@ fn a_hand_that_is_found_elsewhere_does_not_drag_the_object() {
     assert!((moved - DVec3::X * 0.03).length() < 2e-3, "{moved}");
 }
 
-/// Fault 10: nor does one that has moved before the first step.
+/// The same for a device that has moved before the first step.
 #[test]
 fn a_hand_that_moved_before_the_first_step_does_not_drag_the_object() {
     let mut rig = Rig::new(Settings::default());
@@ -272,9 +273,9 @@ fn a_hand_that_moved_before_the_first_step_does_not_drag_the_object() {
     assert!(dragged < 1e-3 && most < 0.05, "dragged by {dragged} m with {most} N");
 }
 
-/// Fault 13: what is kept up is no more than the actuators stand for long.
+/// A lasting force is limited to what the actuators can keep up.
 #[test]
-fn a_force_that_is_kept_up_falls_to_what_the_device_stands() {
+fn a_lasting_force_falls_to_the_continuous_force_of_the_device() {
     let continuous = Emulation::default().specification.continuous_force;
     let mut rig = Rig::on_floor(
         Settings {
@@ -300,14 +301,14 @@ fn a_force_that_is_kept_up_falls_to_what_the_device_stands() {
     assert!(late > 0.9 * continuous, "{late} N is less than what can be kept up");
 }
 
-/// Fault 13: a handle that nobody holds is not driven off.
+/// A handle that nobody holds is not driven off.
 #[test]
 fn a_handle_that_is_let_go_does_not_run_away() {
     let handle = Emulation::default().handle;
     let mut rig = Rig::on_floor(Settings::default(), 0.05);
     let pressed = rig.rest(300, DVec3::ZERO).coupling.force.z;
     assert!(pressed > 0.8 * PEAK, "{pressed} N");
-    // Let go, it moves by the force that it gets alone.
+    // A released handle is moved by its force alone.
     let (mut place, mut speed, mut force, mut fastest) = (0.0, 0.0, pressed, 0.0_f64);
     for _ in 0..300 {
         speed += force / handle.mass * PERIOD;
@@ -320,17 +321,17 @@ fn a_handle_that_is_let_go_does_not_run_away() {
     assert!(fastest < 1.0, "it flies off at {fastest} m/s");
 }
 
-/// Fault 13: a surface that is there on the hand's way out and not on its way in gives no more than the bound, with the passivity
-/// controller off.
+/// A surface that is present only on the hand's way out gives no more energy than the bound, with the
+/// passivity controller off.
 #[test]
-fn a_surface_that_gives_energy_is_let_go_of() {
+fn a_surface_that_creates_energy_stops_pushing() {
     let specification = Emulation::default().specification;
     let bound = ENERGY_BOUND.0 * specification.peak_force + ENERGY_BOUND.1 * specification.peak_torque;
     let mut rig = Rig::new(Settings::default());
     rig.rest(400, DVec3::ZERO);
     let surface = Some((rig.haptic.body_state().pose.translation.z + 2e-3, 20.0));
     let (mut given, mut most_given, mut last) = (0.0, 0.0_f64, DVec3::ZERO);
-    // 8 mm down and up again, twenty times, 0.4 s a way.
+    // 8 mm down and up again, twenty times, 0.4 s each way.
     for step in 0..16_000 {
         let phase = TAU * f64::from(step) / 800.0;
         let depth = DVec3::NEG_Z * 4e-3 * (1.0 - phase.cos());
@@ -348,7 +349,7 @@ fn a_surface_that_gives_energy_is_let_go_of() {
     assert!(kept.broken == 0 && most_given > bound, "{kept:?} of {bound} J, {most_given} J given in all");
 }
 
-/// Fault 14: an object that no step can move is not held for ever where the hand was.
+/// An object that no step can move is put where the hand is.
 #[test]
 fn an_object_that_is_stuck_comes_back_to_the_hand() {
     let mut rig = Rig::new(Settings::default());
@@ -372,7 +373,7 @@ fn an_object_that_is_stuck_comes_back_to_the_hand() {
     assert!(most < 0.5, "dragged to the hand with {most} N");
 }
 
-/// Fault 15: a small wrench is let go of as fast as the hand comes off, whatever the limit of its change.
+/// A small wrench drops as fast as the hand comes off, whatever the slew limit.
 #[test]
 fn unloading_is_not_delayed() {
     let settings = Settings {
@@ -387,9 +388,10 @@ fn unloading_is_not_delayed() {
     assert!(after < 0.05 * before, "{after} N of {before} N, 40 ms after the surface was gone");
 }
 
-/// A host whose `dt` is not what its clock says is believed its clock: no actuator warms up for hours in a millisecond.
+/// If a host's `dt` disagrees with its clock, the clock counts: no actuator heats up for hours in a
+/// millisecond.
 #[test]
-fn a_host_that_tells_of_hours_warms_nothing() {
+fn a_host_that_reports_hours_heats_nothing() {
     let mut rig = Rig::on_floor(Settings::default(), 0.01);
     let before = rig.rest(400, DVec3::ZERO).coupling.force.z;
     let continuous = Emulation::default().specification.continuous_force;
@@ -404,7 +406,7 @@ fn a_host_that_tells_of_hours_warms_nothing() {
     assert!((after - before).abs() < 1e-3, "{after} N of {before} N");
 }
 
-/// A step of no time, or back in time, is none: the wrench comes up after it as after any step that was refused.
+/// A step of no or negative duration is refused: the wrench comes up after it as after any refused step.
 #[test]
 fn a_step_of_no_time_keeps_the_promises() {
     for dt in [0.0, -6e-4, -3.0, f64::NAN, f64::NEG_INFINITY] {
@@ -418,9 +420,9 @@ fn a_step_of_no_time_keeps_the_promises() {
     }
 }
 
-/// Contacts of no time, or of long ago, that come after newer ones are let go of, and are known only as they come.
+/// Contacts without a valid time, or older than the newest, are dropped, and are known only as they arrive.
 #[test]
-fn contacts_of_another_time_are_let_go_of() {
+fn contacts_of_another_time_are_dropped() {
     for time in [f64::NAN, f64::NEG_INFINITY, 0.1] {
         let mut rig = Rig::on_floor(Settings::default(), 5e-3);
         let before = rig.rest(600, DVec3::ZERO).coupling.force.z;

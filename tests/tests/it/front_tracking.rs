@@ -1,4 +1,5 @@
-//! Generalised front tracking (§3.4.2): a query that starts from the last one's front finds what one from the roots does.
+//! Generalised front tracking (§3.4.2): a query that starts from the last one's front finds the same as one
+//! from the roots.
 
 use palpate::Pose;
 use palpate::clod_build::{BuildOptions, build, unwatched};
@@ -19,7 +20,7 @@ fn vector(rng: &mut StdRng) -> DVec3 {
     DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
 }
 
-/// Poses of a probe that hovers around `at`: slow drifts and turns, rests, jumps and teleports, far away as well.
+/// Returns poses of a probe near `at`: slow drifts and turns, rests, and jumps, also far away.
 fn wander(rng: &mut StdRng, at: DVec3, radius: f64, count: usize) -> Vec<Pose> {
     let start = Pose::new(at, DQuat::from_scaled_axis(0.1 * vector(rng)));
     let mut poses = vec![start];
@@ -72,7 +73,7 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
         let (mut contacts, mut looked_at) = (0, [0, 0]);
         for error in [0.0, 0.004, 0.025] {
             for (index, pose) in wander(&mut rng, at, radius, 400).iter().enumerate() {
-                // The tolerance changes now and then, and the threshold too.
+                // Tolerance and threshold change now and then.
                 let tolerance = radius * if index / 50 % 3 == 2 { 0.02 } else { 0.01 };
                 let error = error * radius * if index / 70 % 2 == 1 { 1.5 } else { 1.0 };
                 let settings = QuerySettings { error: error.into(), ..QuerySettings::new(tolerance) };
@@ -101,9 +102,9 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
     }
 }
 
-/// Leaps so long that the way, by which pairs are left alone, is counted anew between slow drifts.
+/// Jumps so long that the motion bound, which defers pairs, is reset between slow drifts.
 #[test]
-fn long_ways_change_nothing() {
+fn long_jumps_change_nothing() {
     let mut rng = StdRng::seed_from_u64(SEED + 3);
     let (ball, torus) = (shape(Model::GolfBall, 4000), shape(Model::Torus, 3000));
     let radius = ball.clod().bounding_radius();
@@ -128,7 +129,7 @@ fn long_ways_change_nothing() {
     assert!(contacts > 1000, "{contacts}");
 }
 
-/// Powers of two change no rounding; other factors must not change what is found either.
+/// Powers of two change no rounding; other factors must not change the contacts either.
 #[test]
 fn the_scale_changes_no_contact() {
     let mut rng = StdRng::seed_from_u64(SEED + 2);

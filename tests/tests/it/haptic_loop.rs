@@ -1,4 +1,4 @@
-//! What reaches the device: the wrench about its origin, within its limits, and nothing once something is amiss.
+//! Wrenches that reach the device: about its origin, within its limits, and zero after a fault.
 
 use std::f64::consts::TAU;
 use std::sync::{Arc, Mutex};
@@ -12,7 +12,7 @@ use palpate_tests::{model, smooth};
 
 const PERIOD: f64 = 1e-3;
 
-/// A device without limits, whose motion is neither rounded nor late.
+/// Returns a device without limits, whose motion is neither rounded nor delayed.
 fn specification() -> Specification {
     Specification {
         peak_force: f64::INFINITY,
@@ -28,10 +28,10 @@ fn specification() -> Specification {
     }
 }
 
-/// A handle that circles and turns whatever is written to it, and keeps what is written.
+/// Handle that circles and turns whatever is written to it, and keeps the written wrenches.
 struct Circling {
     specification: Specification,
-    /// The reads that fail, counted from 0.
+    /// Range of the reads that fail, counted from 0.
     lost: std::ops::Range<usize>,
     reads: usize,
     written: Arc<Mutex<Vec<Wrench>>>,
@@ -43,7 +43,7 @@ impl Circling {
     }
 }
 
-/// Pose and twist of a handle that circles at 2 Hz and turns about x at 3 rad/s.
+/// Returns pose and twist of a handle that circles at 2 Hz and turns about x at 3 rad/s.
 fn circling(time: f64) -> (Pose, Twist) {
     let (rate, radius) = (2.0 * TAU, 0.02);
     let (sine, cosine) = (rate * time).sin_cos();
@@ -82,7 +82,7 @@ fn haptic_loop(specification: Specification, settings: Settings) -> HapticLoop {
     renderer.expect("renderer").into_loops().0
 }
 
-/// A contact model without contacts, found at `time`.
+/// Returns a contact model without contacts, found at `time`.
 fn update(time: f64) -> ContactUpdate {
     let model = LinearContactModel::empty(&Pose::IDENTITY, time);
     ContactUpdate { model, time, ..ContactUpdate::none() }
@@ -90,7 +90,7 @@ fn update(time: f64) -> ContactUpdate {
 
 #[test]
 fn the_wrench_at_the_device_does_the_work_of_the_coupling() {
-    // Held 7 cm from the device's origin by a spring without couple: a pure force at the grasp.
+    // Held 7 cm from the device's origin by a spring without torque: a pure force at the grasp.
     let grasp = Pose::new(DVec3::new(0.03, -0.06, 0.02), DQuat::from_rotation_z(1.0));
     let settings = Settings {
         tool: ToolSettings { grasp: Some(grasp), handle: HandlePlace::MeshOrigin, ..ToolSettings::default() },
@@ -113,7 +113,7 @@ fn the_wrench_at_the_device_does_the_work_of_the_coupling() {
         let arm = device.pose.rotation * grasp.translation;
         assert!((torque - arm.cross(force)).length() < 1e-12, "step {step}: {torque}");
         energy -= force.dot(device.twist.linear + device.twist.angular.cross(arm)) * PERIOD;
-        // The force held over the period, on the way of the point that it acts on.
+        // Work of the held force over the period, along the displacement of its point of application.
         let point = device.pose.transform_point(grasp.translation);
         held -= last.0.dot(point - last.1);
         last = (force, point);
@@ -131,7 +131,7 @@ fn the_wrench_at_the_device_does_the_work_of_the_coupling() {
 }
 
 #[test]
-fn the_wrench_keeps_to_what_the_device_renders() {
+fn the_wrench_stays_within_the_limits_of_the_device() {
     let settings = Settings {
         coupling: CouplingSettings { stiffness: Some(2000.0), ..CouplingSettings::default() },
         ..Settings::default()
@@ -141,7 +141,8 @@ fn the_wrench_keeps_to_what_the_device_renders() {
     weak.peak_force = 0.05;
     weak.peak_torque = 0.0;
     weak.actuated = Axes { translation: [true, false, true], rotation: [false; 3] };
-    // The spring gives way at the device's limit too, which would change the motion; it is tested in its crate.
+    // The spring saturates at the device's limit too, which would change the motion; that is tested in its
+    // crate.
     let mut limited = haptic_loop(weak, settings);
     let mut saturated = 0;
     for step in 1..=500 {
@@ -171,7 +172,7 @@ fn an_overdue_contact_model_fades_the_wrench_out_and_in() {
     for step in 1..=600 {
         let device = state(f64::from(step) * PERIOD);
         fresh.update_contacts(&update(device.time));
-        // Models come up to step 50, and again from step 300 on.
+        // Models arrive up to step 50, and again from step 300 on.
         if step <= 50 || step >= 300 {
             late.update_contacts(&update(device.time));
         }
@@ -189,7 +190,8 @@ fn an_overdue_contact_model_fades_the_wrench_out_and_in() {
         assert!((sent.torque - whole.torque * share).length() < 1e-9, "step {step}: share {share}");
     }
     assert_eq!(fresh.telemetry().events.faded, 0);
-    // From 100 ms after step 50 (age equal to the timeout is still in time) until the wrench is whole at step 349.
+    // From 100 ms after step 50 (an age equal to the timeout is still in time) until the full wrench at step
+    // 349.
     assert!((197..=199).contains(&late.telemetry().events.faded), "{:?}", late.telemetry().events);
 }
 
@@ -280,7 +282,7 @@ fn a_motion_that_is_not_finite_is_held() {
 }
 
 #[test]
-fn steps_that_cannot_be_taken_send_nothing() {
+fn steps_without_a_solution_send_nothing() {
     let mut haptic = haptic_loop(specification(), Settings::default());
     let step = |haptic: &mut HapticLoop, time: f64, dt: f64| {
         haptic.update_contacts(&update(time));
@@ -299,8 +301,8 @@ fn steps_that_cannot_be_taken_send_nothing() {
 
 #[test]
 fn pressed_on_a_contact_the_hand_is_pushed_back() {
-    // A floor under the held object, 1 mm higher than its lowest point would be: force up, on object and hand alike.
-    // Held where the handle is: a lever of a micrometre makes the coupling softer by less than a ten-thousandth.
+    // A floor under the held object, 1 mm above its lowest point: force up, on object and hand alike. Held at
+    // the handle: a lever of a micrometre makes the coupling softer by less than a ten-thousandth.
     let held = Settings {
         tool: ToolSettings { grasp: Some(Pose::IDENTITY), ..ToolSettings::default() },
         ..Settings::default()

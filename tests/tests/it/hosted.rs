@@ -1,4 +1,4 @@
-//! Sessions whose haptic loop and device are the host's.
+//! Sessions whose haptic loop and device belong to the host.
 
 use palpate::device::{Emulation, HapticDevice as _, Task};
 use palpate::{HostedSession, Object, Pose, Scene, SceneId, Settings, Wrench, explore};
@@ -31,20 +31,20 @@ fn a_host_steps_its_own_loop() {
         if contacts {
             most = most.max(wrench.force.length());
         }
-        // As a host's clock does, so that contacts are found meanwhile.
+        // As with a host's clock, so that contacts are found meanwhile.
         std::thread::sleep(std::time::Duration::from_micros(200));
     }
     assert!(most > 0.1, "{most} N");
     assert_eq!(allocated, 0);
     assert_eq!(session.events().step_refused, 0);
-    // No time passes in a step that is none.
+    // A step without duration changes no time.
     let before = *session.latest().expect("a step");
     let last = session.step(0.0, &state);
     assert_eq!((last, session.latest().copied()), (before.coupling, Some(before)));
     assert_eq!(session.step(f64::NAN, &state), before.coupling);
 }
 
-/// The haptic thread has the stepper alone; what is changed and watched elsewhere is felt and seen.
+/// The haptic thread has only the stepper; changes and views from other threads take effect.
 #[test]
 fn the_parts_of_a_hosted_session_go_to_other_threads() {
     let (probe, scene) = scene();

@@ -1,4 +1,5 @@
-//! The layers of the engine's crates: modules use only what is below them, and no two files use each other in a circle.
+//! Layers of the engine's crates: modules use only layers below them, and no two files use each other in a
+//! circle.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -10,17 +11,17 @@ use syn::visit::Visit;
 const WITHOUT_CIRCLES: [&str; 9] =
     ["clod-build", "collide", "core", "device", "dynamics", "field", "mesh-io", "palpate", "texture-pd"];
 
-/// Crates whose `lib.rs` lists its floors under `# Layers`.
+/// Crates whose `lib.rs` lists its layers under `# Layers`.
 const WITH_FLOORS: [&str; 2] = ["collide", "palpate"];
 
-/// A module, as the names on the way to it from the crate's root.
+/// Path of a module from the crate's root.
 type Module = Vec<String>;
 
 fn sources(krate: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates").join(krate).join("src")
 }
 
-/// The files of a crate by their modules.
+/// Returns the files of a crate by their modules.
 fn modules(krate: &str) -> BTreeMap<Module, PathBuf> {
     let mut folders = vec![(sources(krate), Vec::new())];
     let mut found = BTreeMap::new();
@@ -39,7 +40,7 @@ fn modules(krate: &str) -> BTreeMap<Module, PathBuf> {
     found
 }
 
-/// Collects the paths that a file names, from the crate's root, outside its tests.
+/// Paths that a file names, from the crate's root, outside its tests.
 struct Paths<'a> {
     module: &'a [String],
     found: BTreeSet<Module>,
@@ -72,7 +73,7 @@ impl Paths<'_> {
 
 impl<'ast> Visit<'ast> for Paths<'_> {
     fn visit_item_use(&mut self, item: &'ast syn::ItemUse) {
-        // What a module shows of its children is no use of them.
+        // A module that re-exports its children does not use them.
         if matches!(item.vis, syn::Visibility::Inherited) {
             self.add_tree(&[], &item.tree);
         }
@@ -84,7 +85,7 @@ impl<'ast> Visit<'ast> for Paths<'_> {
         syn::visit::visit_path(self, path);
     }
 
-    /// `pub(super)` is no use.
+    /// `pub(super)` is not a use.
     fn visit_visibility(&mut self, _: &'ast syn::Visibility) {}
 
     fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
@@ -95,7 +96,7 @@ impl<'ast> Visit<'ast> for Paths<'_> {
     }
 }
 
-/// The modules that each module of a crate uses, itself left out.
+/// Returns the other modules that each module of a crate uses.
 fn uses(krate: &str) -> BTreeMap<Module, BTreeSet<Module>> {
     let modules = modules(krate);
     let used_by = |(module, path): (&Module, &PathBuf)| {
@@ -111,30 +112,31 @@ fn uses(krate: &str) -> BTreeMap<Module, BTreeSet<Module>> {
     modules.iter().filter(|(module, _)| !module.is_empty()).map(used_by).collect()
 }
 
-/// A circle of modules, if there is one.
+/// Returns a circle of modules, if there is one.
 fn circle(uses: &BTreeMap<Module, BTreeSet<Module>>) -> Option<Vec<Module>> {
     fn visit<'a>(
         module: &'a Module,
         uses: &'a BTreeMap<Module, BTreeSet<Module>>,
-        way: &mut Vec<&'a Module>,
+        path: &mut Vec<&'a Module>,
         done: &mut BTreeSet<&'a Module>,
     ) -> Option<Vec<Module>> {
-        if let Some(start) = way.iter().position(|&passed| passed == module) {
-            return Some(way[start..].iter().map(|&passed| passed.clone()).collect());
+        if let Some(start) = path.iter().position(|&passed| passed == module) {
+            return Some(path[start..].iter().map(|&passed| passed.clone()).collect());
         }
         if !done.insert(module) {
             return None;
         }
-        way.push(module);
-        let found = uses.get(module)?.iter().find_map(|used| visit(used, uses, way, done));
-        way.pop();
+        path.push(module);
+        let found = uses.get(module)?.iter().find_map(|used| visit(used, uses, path, done));
+        path.pop();
         found
     }
     let mut done = BTreeSet::new();
     uses.keys().find_map(|module| visit(module, uses, &mut Vec::new(), &mut done))
 }
 
-/// The floors of a crate, from the numbered list under `# Layers` in its `lib.rs`: by module, counted from 1.
+/// Returns the layers of a crate by module, counted from 1, from the numbered list under `# Layers` in its
+/// `lib.rs`.
 fn floors(krate: &str) -> BTreeMap<String, usize> {
     let text = fs::read_to_string(sources(krate).join("lib.rs")).expect("lib.rs");
     let doc = text.lines().filter_map(|line| line.strip_prefix("//!")).map(str::trim);
@@ -149,7 +151,7 @@ fn floors(krate: &str) -> BTreeMap<String, usize> {
     floors
 }
 
-/// What runs up: a module, and one that it uses although that is on the same floor or above.
+/// Returns uses that run upwards: a module, and one in the same layer or above that it uses.
 fn upward(uses: &BTreeMap<Module, BTreeSet<Module>>, floors: &BTreeMap<String, usize>) -> Vec<String> {
     let floor =
         |module: &Module| *floors.get(&module[0]).unwrap_or_else(|| panic!("`{}` is on no floor", module[0]));
@@ -168,7 +170,7 @@ fn modules_use_only_floors_below() {
         assert!(floors.len() > 4, "{krate}: {floors:?}");
         let found = upward(&uses(krate), &floors);
         assert!(found.is_empty(), "{krate}: {found:#?}");
-        // The check finds something where the house stands on its head.
+        // The check must fail with the layers upside down.
         let highest = floors.values().max().expect("floors");
         let turned = floors.iter().map(|(name, floor)| (name.clone(), highest + 1 - floor)).collect();
         assert!(!upward(&uses(krate), &turned).is_empty(), "{krate}");
@@ -180,7 +182,7 @@ fn no_files_use_each_other_in_a_circle() {
     for krate in WITHOUT_CIRCLES {
         let mut uses = uses(krate);
         assert_eq!(circle(&uses), None, "{krate}");
-        // One more use makes a circle, and is found.
+        // One more use makes a circle, which must be found.
         let (user, used) = uses
             .iter()
             .find_map(|(module, used)| Some((module.clone(), used.first()?.clone())))
@@ -190,9 +192,9 @@ fn no_files_use_each_other_in_a_circle() {
     }
 }
 
-/// The table "Where is …?" of the architecture's page leads to what it names.
+/// The table "Where is …?" of ARCHITECTURE.md names existing files and code.
 #[test]
-fn the_map_of_the_code_is_true() {
+fn the_table_of_places_in_the_code_is_true() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let page = fs::read_to_string(root.join("ARCHITECTURE.md")).expect("the page");
     let rows: Vec<&str> = page

@@ -1,5 +1,6 @@
-//! The levels of detail of built-in and real models hold what they promise (§3.2, §3.3.5), as far as dense sampling can
-//! tell: see [`palpate_tests::levels`]. Faults are collected over all models before the test fails.
+//! The levels of detail of built-in and real models have the properties that they promise (§3.2, §3.3.5), as
+//! far as dense sampling shows: see [`palpate_tests::levels`]. Faults are collected over all models before
+//! the test fails.
 
 use std::collections::BTreeMap;
 use std::io::Write as _;
@@ -30,12 +31,13 @@ fn examination(samples: usize, hull_samples: usize) -> Examination {
     Examination { samples, hull_samples, tolerance: BuildOptions::default().tolerance, seed: SEED }
 }
 
-/// Straight to the stream: the test runner keeps back what the print macros say.
+/// Prints to the stream directly, since the test runner captures the print macros.
 fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Builds and examines models one after the other (both use all cores); fails at the end if there was any fault.
+/// Builds and examines models one after the other (both use all cores), and fails at the end if there was a
+/// fault.
 fn examine(models: impl Iterator<Item = (String, TriMesh)>, examination: &Examination) {
     let (mut faults, mut checks) = (Vec::new(), BTreeMap::<&str, usize>::new());
     let mut count = 0;
@@ -65,7 +67,7 @@ fn examine(models: impl Iterator<Item = (String, TriMesh)>, examination: &Examin
     assert!(faults.is_empty(), "{} faults:\n{}", faults.len(), faults.join("\n"));
 }
 
-/// A model with about so many triangles, or the fewest that it can have.
+/// Returns a model with about so many triangles, or the fewest that it can have.
 fn reduced(model: Model, triangles: usize) -> TriMesh {
     match model.generate(triangles) {
         Err(ModelError::OutOfRange { min, .. }) => model.generate(min).expect("the fewest triangles"),
@@ -75,14 +77,15 @@ fn reduced(model: Model, triangles: usize) -> TriMesh {
 
 #[test]
 fn built_in_models_keep_their_promises() {
-    // The low-resolution cup and spoon are the cup and the spoon, and the gear's teeth need more triangles than others.
+    // The low-resolution cup and spoon have the shapes of the cup and the spoon, and the gear's teeth need
+    // more triangles than others.
     let models = Model::ALL.into_iter().filter(|model| ![Model::CupLow, Model::SpoonLow].contains(model));
     let sized = models.map(|model| (model, if model == Model::Gear { 6000 } else { 1200 }));
     let models = sized.map(|(model, triangles)| (model.name().to_owned(), reduced(model, triangles)));
     examine(models, &examination(4000, 4));
 }
 
-/// `PALPATE_LEVELS` chooses the models whose names it is part of, where all of a kind would be tried.
+/// Returns whether `PALPATE_LEVELS`, if set, is part of the model's name.
 fn is_chosen(name: &str) -> bool {
     std::env::var("PALPATE_LEVELS").map_or(true, |part| name.contains(&part))
 }
@@ -90,17 +93,18 @@ fn is_chosen(name: &str) -> bool {
 #[test]
 #[ignore = "for a release build: cargo test --release -p palpate-tests --test it levels:: -- --ignored --nocapture"]
 fn built_in_models_of_full_size_keep_their_promises() {
-    examine_full_size(|triangles| triangles <= LARGE);
+    examine_full_size(|triangles| triangles <= MAX_QUICK_TRIANGLES);
 }
 
 #[test]
 #[ignore = "some minutes, for a release build: cargo test --release -p palpate-tests --test it levels:: -- --ignored --nocapture"]
 fn large_models_of_full_size_keep_their_promises() {
-    examine_full_size(|triangles| triangles > LARGE);
+    examine_full_size(|triangles| triangles > MAX_QUICK_TRIANGLES);
 }
 
-/// Models with more triangles than this take minutes; their detail is meant for textures, which Table 3.2 has none of.
-const LARGE: usize = 200_000;
+/// Triangle count from which models take minutes; their detail is meant for textures, which Table 3.2 does
+/// not have.
+const MAX_QUICK_TRIANGLES: usize = 200_000;
 
 fn examine_full_size(size: impl Fn(usize) -> bool) {
     let models = Model::ALL.into_iter().filter(|model| is_chosen(model.name()));
@@ -112,7 +116,7 @@ fn examine_full_size(size: impl Fn(usize) -> bool) {
     examine(meshes, &examination(200_000, 4));
 }
 
-/// Runs over the optional real models.
+/// On the optional real models.
 #[test]
 #[ignore = "for a release build: cargo test --release -p palpate-tests --test it levels:: -- --ignored --nocapture"]
 fn real_models_keep_their_promises() {
@@ -138,7 +142,7 @@ fn faults_of(mesh: &TriMesh, clod: &Parts) -> Findings {
     examination(20_000, 4).of(mesh, clod)
 }
 
-/// An examination that finds no fault with anything would be worth nothing: damage of each kind is found.
+/// Damage of each kind is found, so that the examination is not vacuous.
 #[test]
 fn damage_is_found() {
     let mesh = Model::Torus.generate(1500).expect("in range");
@@ -158,8 +162,8 @@ fn damage_is_found() {
         ("Hausdorff distance", &|c| {
             coarsest.clone().for_each(|n| shrink(&mut c.nodes[n as usize].hausdorff));
         }),
-        // A sphere so large that it is nearly a plane, which touches a node's hull where a descendant's reaches beyond
-        // it.
+        // A sphere so large that it is nearly a plane, which touches a node's hull where a descendant's hull
+        // protrudes.
         ("spheres", &|c| {
             let beyond = c.nodes.iter().enumerate().find_map(|(k, node)| {
                 let middle = node.center;
@@ -186,13 +190,13 @@ fn damage_is_found() {
             node.radius += radius;
             c.vertices[(node.vertices.start - node.added) as usize] += DVec3::splat(0.01 * radius);
         }),
-        // One copy of a vertex that several patches have leaves its place: a crack.
+        // One copy of a vertex that several patches share is displaced, which makes a crack.
         ("surface", &|c| {
             let node = &mut c.nodes[coarsest.start as usize];
             node.radius += radius;
             c.vertices[node.vertices.start as usize] += DVec3::splat(0.01 * radius);
         }),
-        // All of a level are drawn towards the middle of the object's hole.
+        // All vertices of a level are moved towards the middle of the object's hole.
         ("surface deviation", &|c| {
             let [first, last] =
                 [coarsest.start, coarsest.end - 1].map(|n| c.nodes[n as usize].vertices.clone());
@@ -232,7 +236,7 @@ fn bytes_of(clod: &Parts) -> Vec<u8> {
 }
 
 #[test]
-fn the_same_bytes_whatever_the_number_of_threads() {
+fn the_bytes_do_not_depend_on_the_number_of_threads() {
     for model in [Model::LowerJaw, Model::Cup, Model::Gear, Model::BallJointSocket] {
         let mesh = reduced(model, 2000);
         let built = [1, 2, 5].map(|threads| {
@@ -243,8 +247,8 @@ fn the_same_bytes_whatever_the_number_of_threads() {
     }
 }
 
-/// How the hierarchy of a mesh differs from that of the same mesh in another unit, if it does other than in the unit.
-/// Numbers may differ by so much of themselves, lengths also by so much of the bounding radius.
+/// Returns a difference between the hierarchies of a mesh in two units, apart from the unit. Numbers may
+/// differ by a relative `rounding`, and lengths also by `rounding` times the bounding radius.
 fn difference(one: &Parts, other: &Parts, scale: f64, rounding: f64) -> Option<String> {
     let shape =
         |clod: &Parts| clod.levels.iter().map(|l| (l.nodes.len(), l.triangles, l.free)).collect::<Vec<_>>();
@@ -260,7 +264,7 @@ fn difference(one: &Parts, other: &Parts, scale: f64, rounding: f64) -> Option<S
         return Some("the same numbers of nodes, but not the same nodes".to_owned());
     }
     let size = one.bounding_radius();
-    // Every number with what it is and its power of the unit.
+    // Every number with its meaning and its power of the unit.
     let numbers = |clod: &Parts| {
         let mut numbers: Vec<(f64, i32, &str)> = Vec::new();
         numbers.extend(clod.vertices.iter().flat_map(|v| v.to_array()).map(|x| (x, 1, "vertex")));
@@ -287,9 +291,9 @@ fn in_other_unit(mesh: &TriMesh, scale: f64) -> TriMesh {
     TriMesh::new(vertices, mesh.triangles().to_vec()).expect("the same triangles")
 }
 
-/// Powers of two change no digit of a number, and nothing else.
+/// Scaling by powers of two is exact.
 #[test]
-fn powers_of_two_change_nothing_but_the_units() {
+fn powers_of_two_change_only_the_units() {
     for model in [Model::Cup, Model::LowerJaw, Model::Hammer] {
         let mesh = reduced(model, 1000);
         let one = simplified(&mesh);
@@ -300,10 +304,10 @@ fn powers_of_two_change_nothing_but_the_units() {
     }
 }
 
-/// Other factors round the coordinates, and what of nodes is packed, which changes the numbers by as much, but neither what is
-/// decided nor what is true.
+/// Other factors round the coordinates and packed values, which changes numbers by as much, but no decision
+/// and no promise.
 #[test]
-fn other_units_change_nothing_but_rounding() {
+fn other_units_change_only_rounding() {
     for model in [Model::LowerJaw, Model::Cup, Model::Hammer, Model::GolfBall] {
         let mesh = reduced(model, 1000);
         let one = simplified(&mesh);
@@ -317,7 +321,7 @@ fn other_units_change_nothing_but_rounding() {
     }
 }
 
-/// What can be chosen about a build is as true as the default.
+/// Hierarchies built with other options keep their promises too.
 #[test]
 fn other_options_keep_their_promises() {
     let mesh = reduced(Model::LowerJaw, 1500);

@@ -1,5 +1,5 @@
-//! Objects whose mesh has its origin away from its centre of mass: the device's handle is at the one, the grasp at the other, and
-//! every force at the grasp turns the handle by the lever between.
+//! Objects whose mesh origin is away from their centre of mass: the device's handle is at the origin and the
+//! grasp at the centre of mass, so every force at the grasp turns the handle by the lever.
 
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
@@ -10,13 +10,13 @@ use palpate::settings::{HandlePlace, ToolSettings};
 use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, TriMesh, Twist};
 
 const SECONDS: f64 = 4.0;
-/// The hand is disturbed from here on, for so long; what is judged begins a second later.
-const DISTURBED: f64 = 1.0;
-const JUDGED: f64 = 2.5;
+/// Start of the disturbance, s, and start of the judged time, a second after its end.
+const DISTURBANCE_START: f64 = 1.0;
+const JUDGED_FROM: f64 = 2.5;
 /// Half the turn of the disturbance, rad.
 const TURN: f64 = 0.03;
 
-/// A cube of such an edge (m) about a point of its mesh's frame.
+/// Returns a cube with an edge (m) about a point of its mesh's frame.
 fn cube(edge: f64, center: DVec3) -> Object {
     let corner = |index: usize| {
         let side = |bit: usize| if index >> bit & 1 == 1 { 0.5 * edge } else { -0.5 * edge };
@@ -29,9 +29,10 @@ fn cube(edge: f64, center: DVec3) -> Object {
     Object::from_mesh("cube", &mesh).expect("a hierarchy")
 }
 
-/// Where a hand means to be that once turns by a third of a degree and comes back, within a quarter of a second.
+/// Returns the intended motion of a hand that turns by a third of a degree and back within a quarter of a
+/// second.
 fn nudged(time: f64) -> (Pose, Twist) {
-    let phase = (time - DISTURBED) / 0.25 * std::f64::consts::TAU;
+    let phase = (time - DISTURBANCE_START) / 0.25 * std::f64::consts::TAU;
     let inside = (0.0..std::f64::consts::TAU).contains(&phase);
     let (turn, rate) = if inside {
         let rate = TURN * phase.sin() * std::f64::consts::TAU / 0.25;
@@ -42,7 +43,7 @@ fn nudged(time: f64) -> (Pose, Twist) {
     (Pose::new(DVec3::ZERO, DQuat::from_rotation_y(turn)), Twist::new(DVec3::ZERO, DVec3::Y * rate))
 }
 
-/// A light hand on a Premium.
+/// Runs a session with a light hand on a Premium.
 fn hold(probe: Object, scene: Scene, settings: Settings) -> Vec<Record> {
     let device = Emulation { hand: Hand::LIGHT, ..Emulation::default() };
     let device = device.open(IntendedPath::function(nudged)).expect("an emulation");
@@ -57,9 +58,9 @@ fn hold(probe: Object, scene: Scene, settings: Settings) -> Vec<Record> {
     records
 }
 
-/// The largest force (N) and torque (N·m) at the hand once the disturbance has passed.
+/// Returns the largest force (N) and torque (N·m) at the hand after the disturbance.
 fn left_over(records: &[Record]) -> (f64, f64) {
-    let late = records.iter().filter(|row| row.time > JUDGED);
+    let late = records.iter().filter(|row| row.time > JUDGED_FROM);
     late.fold((0.0, 0.0), |(force, torque), row| {
         (force.max(row.coupling.force.length()), torque.max(row.coupling.torque.length()))
     })
@@ -83,9 +84,10 @@ fn an_object_held_by_a_long_lever_does_not_swing_by_itself() {
     }
 }
 
-/// A cube of 40 mm whose millimetres were taken for metres. By a tolerance of 1 % of its size it would push from 0.35 m away.
+/// A cube of 40 mm whose millimetres were taken for metres. A tolerance of 1 % of its size would push from
+/// 0.35 m away.
 #[test]
-fn a_probe_in_wrong_units_that_is_insisted_upon_pushes_from_nowhere() {
+fn a_probe_in_wrong_units_that_is_accepted_does_not_push_without_contact() {
     let probe = cube(40.0, DVec3::X * 44.0);
     let below = cube(40.0, DVec3::new(44.0, 0.0, -40.3));
     let scene = Scene::new().with(below, Pose::IDENTITY);
@@ -97,7 +99,7 @@ fn a_probe_in_wrong_units_that_is_insisted_upon_pushes_from_nowhere() {
         let records = hold(probe.clone(), scene.clone(), settings);
         let largest = records.iter().map(|row| row.coupling.force.length()).fold(0.0, f64::max);
         assert!(largest < 0.2, "{handle:?}: {largest} N without contact");
-        // About the grasp, the mesh's origin swings by 44 m for each radian that the hand turns.
+        // About the grasp, the mesh's origin moves by 44 m for each radian that the hand turns.
         let grasp = DVec3::X * 44.0;
         let strayed =
             records.iter().map(|row| row.object.transform_point(grasp).distance(grasp)).fold(0.0, f64::max);

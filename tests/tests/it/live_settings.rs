@@ -1,4 +1,4 @@
-//! Settings that change while a session runs.
+//! Changes of settings while a session runs.
 
 use std::sync::LazyLock;
 
@@ -15,7 +15,7 @@ use palpate_tests::model;
 
 const PERIOD: f64 = 1e-3;
 
-/// A session that a test steps, the device held still where the probe presses on a ball.
+/// Session that a test steps, with the device held still where the probe presses on a ball.
 struct Rig {
     haptic: HapticLoop,
     contact: ContactLoop,
@@ -37,7 +37,7 @@ impl Rig {
         Self { haptic, contact, settings, steps: 0 }
     }
 
-    /// The force at the device after each of some steps, N.
+    /// Takes some steps and returns the force at the device after each, N.
     fn run(&mut self, steps: u32) -> Vec<DVec3> {
         (0..steps)
             .map(|_| {
@@ -54,24 +54,24 @@ impl Rig {
             .collect()
     }
 
-    /// The same once it is at rest.
+    /// Runs to rest and returns the force.
     fn rest(&mut self) -> DVec3 {
         let forces = self.run(2000);
         forces[forces.len() - 1]
     }
 }
 
-/// Below the probe at the origin, half a millimetre into it.
+/// Returns a pose of the object half a millimetre into the probe, from below.
 fn below(probe: &Object, object: &Object) -> Pose {
     let top = |object: &Object| object.clod.vertices.iter().map(|v| v.z).fold(f64::NEG_INFINITY, f64::max);
     let bottom = probe.clod.vertices.iter().map(|v| v.z).fold(f64::INFINITY, f64::min);
     Pose::from_translation((bottom - top(object) + 5e-4) * DVec3::Z)
 }
 
-/// Gains that change go over smoothly, to where a session is that was made with them.
+/// Changed gains blend smoothly to the state of a session that started with them.
 #[test]
-fn gains_go_over_smoothly() {
-    // Without a proxy, and without friction, what is felt at rest does not depend on the way there.
+fn gains_blend_smoothly() {
+    // Without a proxy or friction, the state at rest does not depend on the history.
     let soft = Settings {
         search: SearchSettings { proxy: false, ..SearchSettings::default() },
         ..Settings::default()
@@ -90,20 +90,20 @@ fn gains_go_over_smoothly() {
         let after = forces[forces.len() - 1];
         let wanted = Rig::new(to).rest();
         assert!((after - wanted).length() < 0.02 * wanted.length(), "{after} and {wanted} N");
-        let way = (after - before).length();
-        assert!(way > 0.2 * before.length(), "{before} to {after} N");
+        let change = (after - before).length();
+        assert!(change > 0.2 * before.length(), "{before} to {after} N");
         let mut last = before;
         for force in forces {
             let step = (force - last).length();
-            assert!(step < 0.03 * way, "a step of {step} N, of {way} N");
+            assert!(step < 0.03 * change, "a step of {step} N, of {change} N");
             last = force;
         }
     }
 }
 
-/// Detail that is to be left out, or felt again, comes and goes smoothly as well.
+/// Changed detail blends smoothly, too.
 #[test]
-fn detail_goes_over_smoothly() {
+fn detail_blends_smoothly() {
     let fine = Settings {
         search: SearchSettings { method: ContactSearch::Levels, proxy: false, ..SearchSettings::default() },
         ..Settings::default()
@@ -126,9 +126,9 @@ fn detail_goes_over_smoothly() {
     }
 }
 
-/// What cannot change says so, and nothing changes then.
+/// Settings that are fixed are refused, and nothing changes.
 #[test]
-fn what_cannot_change_is_refused() {
+fn fixed_settings_are_refused() {
     let mut rig = Rig::new(Settings {
         search: SearchSettings { method: ContactSearch::Representatives, ..SearchSettings::default() },
         ..Settings::default()

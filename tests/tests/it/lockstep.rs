@@ -1,4 +1,4 @@
-//! Sessions on a simulated clock: reproducible, stable, and true to what the hand does.
+//! Sessions on a simulated clock: reproducible, stable, and faithful to the hand.
 
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
@@ -7,7 +7,7 @@ use palpate::settings::{CouplingSettings, SearchSettings, TimingSettings, ToolSe
 use palpate::{ContactTiming, HapticRenderer, Pose, Record, RecordWriter, Scene, Session, Settings, explore};
 use palpate_tests::model;
 
-/// A session of an ellipsoid exploring a coarse golf ball.
+/// Runs a session of an ellipsoid that explores a coarse golf ball.
 fn explore_golf_ball(seconds: f64, settings: Settings) -> (Vec<Record>, Session) {
     let probe = model("ellipsoid@2000");
     let ball = model("golf-ball@20000");
@@ -71,7 +71,7 @@ fn touching_is_felt_and_bounded() {
     assert_eq!(summary.grasp, center_of_mass);
     let stretch = records.iter().map(|row| row.stretch(center_of_mass)).fold(0.0, f64::max);
     assert!(stretch > 1e-4 && summary.coupling_stretch_max == stretch, "{}", summary.coupling_stretch_max);
-    // Real time is not known here; 2.5 ms are enough for most queries.
+    // Real time does not matter here; 2.5 ms suffice for most queries.
     assert!(summary.contact.longer_than_slot.is_some_and(|longer| longer < 2000), "{:?}", summary.contact);
     assert_eq!((summary.haptic.stolen_s, summary.haptic.preempted), (None, None));
 }
@@ -118,8 +118,8 @@ fn queries_that_take_longer_than_their_slot_are_counted() {
 }
 
 #[test]
-fn a_replayed_probe_comes_where_its_path_says() {
-    // A kinematic device through free space: the object follows within what the coupling's spring gives way.
+fn a_replayed_probe_follows_its_path() {
+    // A kinematic device in free space: the object follows within the deflection of the coupling's spring.
     let probe = model("spoon@5000");
     let folder = tempfile::tempdir().expect("temporary folder");
     let file = folder.path().join("path.csv");
@@ -146,10 +146,11 @@ fn a_replayed_probe_comes_where_its_path_says() {
 }
 
 #[test]
-fn a_contact_model_is_in_use_from_its_latency_on() {
+fn a_contact_model_is_in_use_after_its_latency() {
     let probe = model("ellipsoid@500");
     let scene = Scene::new().with(probe.clone(), Pose::from_translation(palpate::glam::DVec3::Z));
-    // Rate, latency, and the age of the models in use, in periods, when each comes into use and just before it goes.
+    // Rate, latency, and the age of the models in use, in periods, when each comes into use and just before
+    // it is replaced.
     for (rate, latency, first, last) in [
         (100.0, 10e-3, 10, 19),
         (100.0, 3e-3, 3, 12),

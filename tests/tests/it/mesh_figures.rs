@@ -1,4 +1,4 @@
-//! What is said of real meshes agrees with figures worked out by other programs.
+//! Properties of real meshes agree with figures computed by other programs.
 
 use palpate_tests::{shared, shared_mesh};
 use serde_json::Value;

@@ -12,16 +12,16 @@ use palpate::{
 use palpate_tests::{FreeBody, model};
 
 const PERIOD: f64 = 1e-3;
-/// Haptic steps from contact step to contact step.
+/// Haptic steps per contact step.
 const STRIDE: u32 = 2;
 
 type Hand = Box<dyn Fn(f64) -> (Pose, Twist)>;
 
-/// A session that a test steps, and what it gives.
+/// Session that a test steps, with its results.
 struct Rig {
     haptic: HapticLoop,
     contact: ContactLoop,
-    /// Where the hand holds the device at a time (s), to perfection.
+    /// Motion of a perfect hand by time (s).
     hand: Hand,
     scene: SceneEditor,
     reactions: Reactions,
@@ -81,21 +81,21 @@ fn top(object: &Object) -> f64 {
     object.clod.vertices.iter().map(|v| v.z).fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// Below the probe at the origin, a gap (m) away.
+/// Returns a pose of the object below the probe at the origin, with a gap (m).
 fn below(probe: &Object, object: &Object, gap: f64) -> Pose {
     Pose::from_translation((bottom(probe) - top(object) - gap) * DVec3::Z)
 }
 
-/// m/s, and haptic steps.
-const LIFTING: f64 = 0.01;
-const LIFTED_FOR: u32 = 600;
+/// Speed of the lift, m/s, and its number of haptic steps.
+const LIFT_SPEED: f64 = 0.01;
+const LIFT_STEPS: u32 = 600;
 
-/// A block comes up slowly, told at a picture's rate, and lifts the probe out of the hand; the forces, if the block moves, or if the
-/// hand comes down on it instead, and the coupling's stiffness.
+/// Lifts the probe out of the hand by a block that rises slowly and is reported at a frame rate, or by a hand
+/// that comes down on it; returns the forces and the coupling's stiffness.
 fn forces_of_lifting(proxy: bool, block_moves: bool) -> (Vec<f64>, f64) {
     let (probe, plate) = (model("ellipsoid@500"), model("block@300"));
     let start = below(&probe, &plate, 1e-3);
-    let (velocity, every) = (DVec3::Z * LIFTING, 16);
+    let (velocity, every) = (DVec3::Z * LIFT_SPEED, 16);
     let down =
         move |time: f64| (Pose::from_translation(-velocity * time), Twist::new(-velocity, DVec3::ZERO));
     let hand: Hand = if block_moves { Box::new(still) } else { Box::new(down) };
@@ -107,7 +107,7 @@ fn forces_of_lifting(proxy: bool, block_moves: bool) -> (Vec<f64>, f64) {
         hand,
     );
     let stiffness = rig.haptic.coupling().linear_stiffness;
-    let forces = (0..LIFTED_FOR)
+    let forces = (0..LIFT_STEPS)
         .map(|_| {
             if block_moves && rig.steps.is_multiple_of(every) {
                 let pose = Pose { translation: start.translation + velocity * rig.now(), ..start };
@@ -120,18 +120,18 @@ fn forces_of_lifting(proxy: bool, block_moves: bool) -> (Vec<f64>, f64) {
 }
 
 #[test]
-fn a_rising_object_feels_as_a_sinking_hand() {
-    // A proxy rests on single corners of the probe, and a trace decides on which.
+fn a_rising_object_feels_like_a_sinking_hand() {
+    // A proxy rests on single corners of the probe, and small differences decide which.
     for (proxy, off, rougher) in [(false, 1e-3, 1.01), (true, 0.1, 2.5)] {
         let (lifted, stiffness) = forces_of_lifting(proxy, true);
         let (sinking, _) = forces_of_lifting(proxy, false);
         let most = sinking.iter().copied().fold(0.0, f64::max);
-        assert!(most > 0.4 * stiffness * LIFTING * PERIOD * f64::from(LIFTED_FOR), "{most} N");
-        // Once the first touch is over.
+        assert!(most > 0.4 * stiffness * LIFT_SPEED * PERIOD * f64::from(LIFT_STEPS), "{most} N");
+        // After the first touch.
         for (step, (one, other)) in lifted.iter().zip(&sinking).enumerate().skip(120) {
             assert!((one - other).abs() < off * most, "step {step}: {one} and {other} N, of {most} N");
         }
-        // From one picture to the next it grows as smoothly.
+        // The force grows as smoothly between frames.
         let steepest = |forces: &[f64]| {
             forces[200..].windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max)
         };
@@ -140,7 +140,7 @@ fn a_rising_object_feels_as_a_sinking_hand() {
     }
 }
 
-/// Told late or often, where a moving plate is felt is the same to a few hundredths.
+/// The force from a moving plate depends by a few hundredths on how often it is reported.
 #[test]
 fn a_plate_that_slides_below_drags_the_probe_along() {
     let (probe, plate) = (model("ellipsoid@500"), model("block@300"));
@@ -168,12 +168,12 @@ fn a_plate_that_slides_below_drags_the_probe_along() {
     assert!(still.z > 0.1 && still.x.abs() < 0.05 * still.z, "{still}");
     for every in [1, 2, 16] {
         let force = dragged(every, true);
-        // It slides, by now.
-        assert!((force.x / force.z - 0.5).abs() < 0.03, "told every {every} ms: {force}");
+        // It slides by now.
+        assert!((force.x / force.z - 0.5).abs() < 0.03, "reported every {every} ms: {force}");
     }
 }
 
-/// A free ball is struck: what it gains the probe has given, and the hand.
+/// A free ball is struck: the momentum that it gains comes from the probe and the hand.
 #[test]
 fn a_free_object_takes_the_momentum_that_it_is_given() {
     let (probe, ball) = (model("ellipsoid@500"), model("golf-ball@5000"));
@@ -201,15 +201,16 @@ fn a_free_object_takes_the_momentum_that_it_is_given() {
         }
         assert!(taken.z < -1e-4, "{mass} kg: {taken} N·s");
         assert!((taken - given).length() < 1e-3 * given.length(), "{mass} kg: {taken} of {given} N·s");
-        // It flies away no faster than twice as fast as the hand came.
+        // It flies off at no more than twice the hand's speed.
         assert!(most < 2.2 * speed, "{mass} kg: {most} m/s");
         assert!(body.twist.linear.z < 0.0, "{mass} kg: {:?}", body.twist);
     }
 }
 
-/// From light to heavy, and with worlds that are stepped seldom, what the hand presses on a soft floor comes to rest there.
+/// An object that the hand presses on a soft floor comes to rest, whether light or heavy, and with worlds
+/// that step seldom.
 #[test]
-fn what_is_pressed_comes_to_rest() {
+fn a_pressed_object_comes_to_rest() {
     let (probe, ball) = (model("ellipsoid@500"), model("golf-ball@5000"));
     let start = below(&probe, &ball, 5e-4);
     let path = |time: f64| {
@@ -224,7 +225,7 @@ fn what_is_pressed_comes_to_rest() {
         let mut rig = Rig::new(probe.clone(), scene, Settings::default(), path);
         let mut body = FreeBody::new(&ball, SceneId(0), mass, start, dt, &mut rig.scene);
         let floor = body.pose;
-        // As soft as an explicit step allows, and damped as much.
+        // As soft as an explicit step allows, with matching damping.
         let (stiffness, damping) = (mass * (0.2 / dt).powi(2), 0.4 * mass / dt);
         let (mut energy, mut force) = (Vec::new(), DVec3::ZERO);
         for _ in 0..3000 {
@@ -246,9 +247,9 @@ fn what_is_pressed_comes_to_rest() {
     }
 }
 
-/// A block lies on the handle of a spoon, which is thinner than the block sinks in: the proxy stays below.
+/// A block lies on the handle of a spoon that is thinner than the block sinks in: the proxy stays below.
 #[test]
-fn what_lies_on_a_thin_tool_stays_there() {
+fn an_object_on_a_thin_tool_stays_there() {
     let (probe, block) = (model("spoon@2000"), model("block@300"));
     let start = Pose::from_translation((top(&probe) - bottom(&block) + 5e-4) * DVec3::Z);
     for mass in [0.02, 0.1] {
@@ -271,7 +272,7 @@ fn what_lies_on_a_thin_tool_stays_there() {
     }
 }
 
-/// Two hands press what they hold together: what one feels is the reverse of what the other does, and both are at rest.
+/// Two hands press an object from both sides: they feel opposite forces, and both come to rest.
 #[test]
 fn two_hands_feel_each_other() {
     let (one, other) = (model("ellipsoid@500"), model("golf-ball@5000"));
@@ -304,9 +305,9 @@ fn two_hands_feel_each_other() {
     assert!(restless < 1e-3 * above.length(), "{restless} N of {above} N");
 }
 
-/// What no body can be is refused where it is said.
+/// Invalid motions and bodies are refused where they are given.
 #[test]
-fn motions_and_mobilities_are_checked() {
+fn motions_and_bodies_are_checked() {
     let (probe, ball) = (model("ellipsoid@500"), model("golf-ball@2000"));
     let scene = Scene::new().with(ball, Pose::IDENTITY);
     let mut rig = Rig::new(probe, scene, Settings::default(), still);
@@ -334,7 +335,7 @@ fn motions_and_mobilities_are_checked() {
     assert_eq!(rig.scene.set_dynamics(SceneId(7), Some(good)), Err(unknown));
     rig.step();
     assert_eq!(rig.contact.telemetry().events.edit_refused, 0);
-    // As fast as numbers go.
+    // As fast as floating-point numbers allow.
     rig.scene.set_motion(id, Pose::IDENTITY, Twist::new(DVec3::X * 1e300, DVec3::ONE * 1e300)).expect("room");
     for _ in 0..100 {
         let record = rig.step();

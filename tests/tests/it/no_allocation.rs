@@ -7,10 +7,10 @@ use palpate::settings::{ContactSearch, SearchSettings};
 use palpate::{DynamicBody, HapticRenderer, Object, Pose, Scene, SceneId, Settings, Twist, explore};
 use palpate_tests::{model, ridged_plate};
 
-/// Fewer than there are contacts at times.
+/// Number of clusters: fewer than there are contacts at times.
 const CLUSTERS: usize = 2;
 
-/// How often `work` allocates.
+/// Returns the number of allocations in `work`.
 fn allocations_in(work: impl FnOnce()) -> u64 {
     measure(work).count_total
 }
@@ -48,7 +48,8 @@ fn the_loops_do_not_allocate() {
     assert!(contacts > CLUSTERS, "{contacts} contacts at most, so that nothing was tested");
 }
 
-/// So many haptic steps of a session with an object that may move to and fro and be pushed; the most contacts there were.
+/// Runs haptic steps of a session with an object that may move to and fro and be pushed; returns the largest
+/// number of contacts.
 fn run(probe: &Object, object: Object, steps: u32, moves: bool, settings: Settings) -> usize {
     let source = &object.clod.source;
     let mobility = DynamicBody {
@@ -83,7 +84,7 @@ fn run(probe: &Object, object: Object, steps: u32, moves: bool, settings: Settin
         if step % 4 == 0 {
             let mut update = None;
             let count = allocations_in(|| update = Some(contact.step(haptic.body_state(), now)));
-            // The exploration repeats every ten seconds: the first lets the workspaces grow to the scene.
+            // The exploration repeats every ten seconds: in the first round the workspaces grow to the scene.
             in_contact += if now > Task::Explore.cycle() { count } else { 0 };
             let update = update.expect("a contact step ran");
             contacts = contacts.max(update.contacts as usize);

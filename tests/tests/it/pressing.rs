@@ -1,9 +1,10 @@
-//! A wall pressed through the whole loop, on every emulated device as it comes: bounded, settled, and nearly passive.
+//! A wall pressed through the whole loop, on every emulated device with its defaults: bounded, settled, and
+//! nearly passive.
 //!
-//! What the session creates is measured where it counts, as the work that the written wrenches do on the true handle.
-//! Bound: the energy that the coupling's spring takes up over the way that the hand makes before a contact model knows
-//! of it (two contact periods, as a query that takes its whole period is answered at the end of the next), and over an
-//! encoder step.
+//! The energy that the session creates is measured as the work that the written wrenches do on the true
+//! handle. Its bound is the energy that the coupling's spring takes up over two distances: the travel of the
+//! hand before a contact model accounts for it (two contact periods, since a query that takes its whole
+//! period is answered at the end of the next), and an encoder step.
 
 use std::convert::Infallible;
 use std::f64::consts::TAU;
@@ -18,18 +19,18 @@ use palpate::glam::{DQuat, DVec3};
 use palpate::{ContactTiming, HapticRenderer, Object, Pose, Scene, Settings};
 use palpate_tests::{first_touch, model};
 
-/// What was seen at the handle itself.
+/// Observations at the handle itself.
 #[derive(Clone, Copy, Debug, Default)]
 struct Handle {
     position: DVec3,
     intended: DVec3,
-    /// Work done on handle and hand, J: now, and the most it ever was.
+    /// Work done on handle and hand, J: now, and its largest value.
     work: f64,
     most_work: f64,
     fastest: f64,
 }
 
-/// A device that shows what its encoders do not.
+/// Device that also shows the handle's true motion.
 struct Metered {
     device: EmulatedDevice,
     handle: Arc<Mutex<Handle>>,
@@ -63,10 +64,11 @@ impl HapticDevice for Metered {
 
 const CLEARANCE: f64 = 3e-3;
 const PRESS: f64 = 6e-3;
-/// Seconds at which the hand sets out, has arrived, begins to rub, sets out back, has arrived, and rests.
+/// Times at which the hand starts, has arrived, begins to rub, starts back, has arrived, and rests, s.
 const PHASES: [f64; 6] = [0.1, 0.6, 1.4, 2.2, 2.7, 3.2];
 
-/// Where the hand means to be: down onto the ball, 6 mm past the touch, rubbing and twisting, and up again.
+/// Returns the hand's intended motion: down onto the ball, 6 mm beyond the touch, rubbing and twisting, and
+/// up again.
 fn intended(touch: DVec3, time: f64) -> (Pose, Twist) {
     let [down, below, rub, up, above, _] = PHASES;
     let ramp = |from: f64, to: f64| {
@@ -115,13 +117,13 @@ fn press(name: &str, rate: f64, probe: &Object, ball: &Object, touch: DVec3) {
     let handle = *handle.lock().expect("one thread");
     let summary = session.summary();
 
-    // Pressed with what the hand's spring gives, no more than a little in passing.
+    // The wall presses with the force of the hand's spring, or a little more while passing.
     let count = held.len() as f64;
     let force = held.iter().map(|h| h.0).sum::<DVec3>() / count;
     let hand = palpate::device::Hand::default().stiffness * PRESS;
     assert!(force.z > 0.3 * hand && force.z < hand, "{context}: {force} N of {hand} N");
     assert!(summary.coupling_force_max < 1.5 * force.z, "{context}: {} N", summary.coupling_force_max);
-    // Settled: the handle, which its friction holds, slips by no more than three steps of its encoders.
+    // Settled: the handle, held by its friction, slips by no more than three encoder steps.
     let position = held.iter().map(|h| h.1).sum::<DVec3>() / count;
     let wander = held.iter().map(|h| h.1.distance(position)).fold(0.0, f64::max);
     assert!(wander < 3.0 * specification.encoder_step, "{context}: the handle wanders by {wander} m");
@@ -130,11 +132,12 @@ fn press(name: &str, rate: f64, probe: &Object, ball: &Object, touch: DVec3) {
     let unseen = 2.0 * handle.fastest / rate;
     let bound = stiffness * (0.5 * unseen * unseen + specification.encoder_step.powi(2));
     assert!(handle.most_work < bound, "{context}: created {} J, bound {bound} J", handle.most_work);
-    // At 50 Hz the stiffest couplings give back more of the one blind blow than the rest of the session takes in.
+    // At 50 Hz the stiffest couplings return more of the one unseen impact than the rest of the session
+    // absorbs.
     assert!(rate < 200.0 || handle.work < 0.0, "{context}: {} J created over the whole session", handle.work);
     assert!(session.haptic.energy_min > -bound, "{context}: {} J", session.haptic.energy_min);
 
-    // Let go: nothing is left of the touch.
+    // Nothing is left of the touch after it.
     assert!(last_force.length() < 0.05, "{context}: {last_force} N in free space");
     assert!(object.distance(handle.position) < 2.0 * specification.encoder_step, "{context}");
     assert!(handle.position.distance(handle.intended) < 1e-3, "{context}");

@@ -1,4 +1,4 @@
-//! The page on what the engine promises to the hand is true to the code: of its names, at least.
+//! Docs page on the engine's promises to the hand: the invariants and tests that it names exist.
 
 use std::fs;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::path::Path;
 use palpate::promises::Invariant;
 
 #[test]
-fn the_page_names_every_promise_and_only_tests_that_there_are() {
+fn the_page_names_every_promise_and_only_existing_tests() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the workspace");
     let page = fs::read_to_string(root.join("docs/promises.md")).expect("the page");
     for invariant in Invariant::ALL {
@@ -31,7 +31,7 @@ fn the_page_names_every_promise_and_only_tests_that_there_are() {
         .iter()
         .filter_map(|folder| fs::read_to_string(root.join(folder).join(format!("{module}.rs"))).ok())
         .any(|source| source.contains(&format!("fn {test}(")));
-        assert!(found, "{path}::{test} is no test");
+        assert!(found, "{path}::{test} does not exist");
     }
     assert!(count > 15, "{count} tests are named");
 }

@@ -1,5 +1,5 @@
-//! A wall pressed at haptic rates from 1 to 10 kHz, with the coupling that is chosen for the rate: stable, settled, and
-//! as stiff as the device allows.
+//! A wall pressed at haptic rates from 1 to 10 kHz with the coupling that is chosen for the rate: stable,
+//! settled, and as stiff as the device allows.
 
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
@@ -10,11 +10,12 @@ use palpate::settings::{TimingSettings, ToolSettings};
 use palpate::{ContactTiming, HapticRenderer, Object, Pose, Scene, Session, Settings, Twist};
 use palpate_tests::model;
 
-/// A rest in which the wrench comes up, half a second of approach, then held 4 mm inside.
+/// Length of a session, s: a rest in which the wrench comes up, half a second of approach, then held 4 mm
+/// inside.
 const SECONDS: f64 = 1.8;
 const REST: f64 = 0.3;
 
-/// Where the hand means to be: after a rest down by `travel` along z within half a second.
+/// Returns the hand's intended motion: after a rest down by `travel` along z within half a second.
 fn intended(top: DVec3, travel: f64, time: f64) -> (Pose, Twist) {
     let x = ((time - REST) / 0.5).clamp(0.0, 1.0);
     let (share, rate) = (x * x * (3.0 - 2.0 * x), 6.0 * x * (1.0 - x) / 0.5);
@@ -24,14 +25,14 @@ fn intended(top: DVec3, travel: f64, time: f64) -> (Pose, Twist) {
     )
 }
 
-/// Presses the probe onto a block; forces on the hand in the last fifth of a second.
+/// Presses the probe onto a block; returns the forces on the hand in the last fifth of a second.
 fn press(preset: &str, probe: &Object, wall: &Object, settings: Settings) -> (Vec<DVec3>, Session) {
     let mut emulation = Emulation::preset(preset).expect("a preset");
     emulation.hand = Hand::GRIP;
     let (source, body) = (&wall.clod.source, &probe.clod.source);
     let reach = source.bounding_radius + body.bounding_radius;
     let travel = 6e-3;
-    // The floor is put so that the probe touches it a third of the way down.
+    // The floor is placed so that the probe touches it after a third of the travel.
     let scene = Scene::new().with(wall.clone(), Pose::from_translation(floor_under(probe, wall, 2e-3)));
     let path = IntendedPath::function(move |time| intended(DVec3::ZERO, travel, time));
     let device = emulation.open(path).expect("an emulation");
@@ -51,7 +52,8 @@ fn press(preset: &str, probe: &Object, wall: &Object, settings: Settings) -> (Ve
     (held, session)
 }
 
-/// Where the wall's mesh frame has to be for its top to be `gap` under the lowest point of a probe at the origin.
+/// Returns the position of the wall's frame at which its top is `gap` under the lowest point of a probe at
+/// the origin.
 fn floor_under(probe: &Object, wall: &Object, gap: f64) -> DVec3 {
     let lowest = |object: &Object, sign: f64| {
         let leaves = object.clod.leaves();
@@ -90,7 +92,8 @@ fn a_wall_is_stable_from_one_to_ten_kilohertz() {
                     "{context}: the force wanders by {spread} N about {mean} N"
                 );
                 assert_eq!((summary.events.step_refused, summary.events.faded), (0, 0), "{context}");
-                // The rounding of the encoders hides the work of the largest force over a step or two of theirs.
+                // The rounding of the encoders hides the work of the largest force over one or two of their
+                // steps.
                 let step = Emulation::preset(preset).expect("a preset").specification.encoder_step;
                 let hidden = 2.0 * step * summary.coupling_force_max;
                 assert!(

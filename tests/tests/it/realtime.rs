@@ -1,4 +1,4 @@
-//! However a real-time session ends, all its threads end, the device is left without a wrench, and no record is lost.
+//! Ends of real-time sessions: all threads end, the device is left without a wrench, and no record is lost.
 
 use std::convert::Infallible;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -11,14 +11,14 @@ use palpate::threads::Role;
 use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings, Wrench};
 use palpate_tests::model;
 
-/// A session that would last a day if nothing ended it.
+/// Length of a session that is longer than any test, s.
 const DAY: f64 = 86_400.0;
 
-/// An emulated device that is shaken, panics at a read if told to, and keeps what it was written last.
+/// Emulated device that is shaken, panics at a read on demand, and keeps the last wrench.
 struct Shaken {
     inner: Box<dyn HapticDevice>,
     panics_at: usize,
-    /// Every tenth read takes this long.
+    /// Duration of every tenth read.
     delay: std::time::Duration,
     reads: usize,
     last: Arc<Mutex<Wrench>>,
@@ -46,7 +46,7 @@ impl HapticDevice for Shaken {
     }
 
     fn close(&mut self) -> Result<(), DeviceError> {
-        // Not zeroed here: it must have been before.
+        // Not zeroed here: it must have been zero before.
         self.inner.close()
     }
 }
@@ -86,7 +86,7 @@ fn stop_ends_the_session_in_order() {
     assert!(records.iter().any(|record| record.coupling != Wrench::ZERO), "nothing was felt");
     assert_eq!(records.len() as u64, summary.haptic.steps - summary.events.record_dropped);
     assert!(records.is_sorted_by(|a, b| a.time < b.time));
-    // Steps and skipped periods make up the time that passed on the driver's clock.
+    // Steps and skipped periods add up to the time that passed on the driver's clock.
     let periods = (records.last().expect("records").time / 1e-3).round() as u64;
     assert_eq!(summary.haptic.steps + summary.haptic.missed_deadlines, periods);
 }
@@ -131,7 +131,7 @@ fn a_panic_of_the_driver_ends_the_session_with_its_records_written() {
     assert_eq!(taken, 40);
 }
 
-/// A device whose driver fails: at reads, at writes, or with a panic.
+/// Device whose driver fails: at reads, at writes, or with a panic.
 struct Failing {
     inner: Box<dyn HapticDevice>,
     fails: &'static str,
@@ -173,7 +173,7 @@ fn failing(fails: &'static str) -> HapticRenderer {
     renderer.expect("renderer")
 }
 
-/// The host reads what a driver said first, in the driver's words, while the session runs and after it.
+/// The host reads the first error of a driver, in the driver's words, while the session runs and after it.
 #[test]
 fn the_words_of_a_driver_reach_the_host() {
     let words = [
@@ -246,11 +246,12 @@ fn any_positive_time_is_a_step() {
     }
 }
 
-/// A page that is touched first costs the haptic thread some microseconds, or much more where memory is short: what it uses was touched
-/// before. With the test's allocator warm, what is left is of the samples themselves.
+/// The first touch of a page costs the haptic thread some microseconds, or much more where memory is short,
+/// so its memory is touched before. With the test's allocator warm, the remaining faults are those of the
+/// samples themselves.
 #[test]
 #[cfg(target_os = "linux")]
-fn the_haptic_thread_touches_no_memory_first() {
+fn the_haptic_thread_causes_no_page_faults() {
     let (renderer, _) = renderer(usize::MAX);
     let sink = |_: &Record| Ok::<_, Infallible>(());
     let session = renderer.run_realtime(1.5, &AtomicBool::new(false), sink).expect("the sink never fails");
@@ -259,9 +260,10 @@ fn the_haptic_thread_touches_no_memory_first() {
     assert!(steps > 1000 && faults <= 4, "{faults} pages were missing in {steps} steps");
 }
 
-/// What each thread asked for is in the summary, in words and for machines, whatever this machine grants.
+/// The summary holds the request of each thread and its result, in words and for machines, whatever this
+/// machine grants.
 #[test]
-fn the_summary_says_what_was_granted() {
+fn the_summary_holds_what_was_granted() {
     let sink = |_: &Record| Ok::<_, Infallible>(());
     let (renderer, _) = renderer(usize::MAX);
     let session = renderer.run_realtime(0.05, &AtomicBool::new(false), sink).expect("the sink never fails");
@@ -281,7 +283,7 @@ fn the_summary_says_what_was_granted() {
             assert!(json[thread][asked]["detail"].as_str().is_some_and(|said| !said.is_empty()), "{json}");
         }
     }
-    // What is refused for want of a privilege names it.
+    // A request that was refused for lack of a privilege names the privilege.
     for (what, outcome) in setup.limited() {
         assert!(outcome.remedy.is_some(), "{what}: {outcome}");
     }

@@ -1,4 +1,4 @@
-//! Selective refinement (§3.4.3): contacts at the coarsest resolution that a threshold on the error allows.
+//! Selective refinement (§3.4.3): contacts at the coarsest resolution that an error threshold allows.
 
 use std::sync::OnceLock;
 
@@ -17,7 +17,7 @@ fn hierarchy(model: Model, triangles: usize) -> Clod {
     build(&mesh, &BuildOptions::default(), &mut unwatched).expect("built-in models can be built")
 }
 
-/// Two objects and poses of the first: from apart to pressed into the second, turning.
+/// Two objects, and poses of the first: from apart to pressed into the second, turning.
 type Scene = (&'static str, Clod, Clod, Vec<Pose>);
 
 fn scenes() -> &'static [Scene] {
@@ -45,8 +45,8 @@ fn settings(probe: &Clod, error: f64) -> QuerySettings {
     QuerySettings { error: (error * radius).into(), ..QuerySettings::new(0.01 * radius) }
 }
 
-/// With an error that only patches keep below that are the mesh's own, the surfaces are the full mesh's, descended in
-/// another order.
+/// With an error that is exceeded by all patches except those of the full mesh, the surfaces are the full
+/// mesh's, visited in another order.
 #[test]
 fn a_tiny_error_is_full_resolution() {
     for (name, probe, scene, poses) in scenes() {
@@ -69,8 +69,8 @@ fn a_tiny_error_is_full_resolution() {
     }
 }
 
-/// The surfaces of a pair of nodes are within s of the meshes. So where coarse surfaces are some distance apart, the
-/// meshes are no further apart than that and both s.
+/// The surfaces of a pair of nodes are within s of the meshes. So where coarse surfaces are some distance
+/// apart, the meshes are no further apart than that plus both s.
 #[test]
 fn contacts_are_true_to_within_the_deviation_of_their_levels() {
     for (name, probe, scene, poses) in scenes() {
@@ -96,7 +96,7 @@ fn contacts_are_true_to_within_the_deviation_of_their_levels() {
     }
 }
 
-/// The larger the error, the coarser the levels that contacts come from, and the smaller the front.
+/// Larger errors give contacts from coarser levels, and smaller fronts.
 #[test]
 fn larger_errors_cost_less() {
     for (name, probe, scene, poses) in scenes() {
@@ -122,9 +122,9 @@ fn larger_errors_cost_less() {
     }
 }
 
-/// Faster motion and a camera further away leave out more, and at rest nothing is left out (§3.4.3).
+/// Faster motion and a more distant camera leave out more detail, and at rest none is left out (§3.4.3).
 #[test]
-fn what_is_fast_or_far_from_the_camera_is_coarse() {
+fn fast_or_distant_objects_are_coarse() {
     for (name, probe, scene, poses) in scenes() {
         let mut query = ContactQuery::new(&Shape::new(probe.clone()), &Shape::new(scene.clone()));
         let radius = probe.bounding_radius();
@@ -160,7 +160,7 @@ fn what_is_fast_or_far_from_the_camera_is_coarse() {
         let exact = triangles(ErrorMetrics::EXACT);
         let speeds = [0.0, 2.5, 10.0, 50.0].map(|speed| triangles(at_speed(speed)));
         assert!(speeds.windows(2).all(|w| w[1] <= w[0]), "{name}: {speeds:?}");
-        // Patches that are flat are not refined: nothing is missing from them.
+        // Flat patches are not refined, since their detail is complete.
         assert!(10 * speeds[0] > 9 * exact && 2 * speeds[3] < exact, "{name}: {speeds:?} of {exact}");
         let distances = [25.0, 100.0, 500.0].map(|distance| triangles(from(distance)));
         assert!(distances.windows(2).all(|w| w[1] <= w[0]), "{name}: {distances:?}");
@@ -168,7 +168,8 @@ fn what_is_fast_or_far_from_the_camera_is_coarse() {
     }
 }
 
-/// A budget that is large enough changes nothing; a small one is kept, says so, and still finds where objects touch.
+/// A sufficient budget changes nothing; a small one is kept, is reported, and still finds where objects
+/// touch.
 #[test]
 fn a_time_critical_query_keeps_its_budget() {
     for (name, probe, scene, poses) in scenes() {
@@ -182,7 +183,8 @@ fn a_time_critical_query_keeps_its_budget() {
             let same = large.run(pose, &Pose::IDENTITY, &much).unwrap();
             assert!(!same.out_of_budget && same.contacts == all.contacts, "{name}: {same:?} {all:?}");
             assert_eq!(same.deepest.is_some(), all.deepest.is_some());
-            // The descent through the free levels, and contacts decided by triangles, come on top.
+            // The descent through the free levels, and contacts decided by triangles, are not part of the
+            // budget.
             let little = QuerySettings { budget: Some(Budget::Queries(400)), ..settings };
             bound.reset();
             let some = bound.run(pose, &Pose::IDENTITY, &little).unwrap();
@@ -198,8 +200,8 @@ fn a_time_critical_query_keeps_its_budget() {
     }
 }
 
-/// With interpolation (§3.4.4) the force of a probe that slides in tiny steps changes by a small multiple of the
-/// stiffness times the step; without, it jumps where the level of detail is switched.
+/// With interpolation (§3.4.4) the force of a probe that slides in tiny steps changes by a small multiple of
+/// the stiffness times the step; without, it jumps where the level of detail is switched.
 #[test]
 fn interpolated_forces_do_not_jump_at_level_switches() {
     let (probe, scene) = (hierarchy(Model::Ellipsoid, 2000), hierarchy(Model::GolfBall, 20_000));
@@ -238,7 +240,7 @@ fn interpolated_forces_do_not_jump_at_level_switches() {
 }
 
 #[test]
-fn errors_that_are_no_lengths_are_refused() {
+fn invalid_errors_are_refused() {
     let torus = hierarchy(Model::Torus, 1000);
     let mut query = {
         let torus = Shape::new(torus.clone());

@@ -15,7 +15,7 @@ use palpate::{
 };
 use palpate_tests::{first_touch, model, ridged_plate};
 
-/// EPS, as a part of the probe's radius: coarser than usual, so that fields are made fast.
+/// EPS relative to the probe's radius: larger than usual, so that fields are built fast.
 const ERROR: f64 = 0.0015;
 
 fn settings(probe: &Object) -> Settings {
@@ -46,10 +46,10 @@ fn lockstep(probe: &Object, scene: Scene, settings: Settings, seconds: f64) -> (
     (session, records)
 }
 
-/// The model's force at the pose that the query saw is that of the law, and nearly so is its torque, which planes have but for
-/// what is about their normals.
+/// The model's force at the pose of the query is that of the force law. Its torque is close to it: planes
+/// lack only the torque about their normals.
 #[test]
-fn a_model_pushes_by_the_law() {
+fn a_model_pushes_by_the_force_law() {
     let (probe, object) = (model("ellipsoid@2000"), model("golf-ball@5000"));
     let settings = settings(&probe);
     let tolerance = 0.01 * probe.bounding_radius();
@@ -59,7 +59,7 @@ fn a_model_pushes_by_the_law() {
     let center = probe.clod.source.center_of_mass;
     let (mut pushed, mut torque_off) = (0, 0.0_f64);
     for step in 0..40 {
-        // No deeper than the proxy may be, so that it is where the body is.
+        // The depth stays within what the proxy allows, so that the proxy is where the body is.
         let turn = DQuat::from_rotation_z(0.02 * f64::from(step));
         let depth = tolerance * (0.15 - 0.03 * f64::from(step));
         let mesh = Pose::new(touch, DQuat::IDENTITY) * Pose::new(DVec3::NEG_Z * depth, turn);
@@ -83,9 +83,10 @@ fn a_model_pushes_by_the_law() {
     assert!(torque_off < 0.05, "a lever of {torque_off} radii is missing");
 }
 
-/// A session is the same each time, holds the probe on the surface's side, and pushes about as one by levels does.
+/// A session is reproducible, keeps the probe outside the surface, and pushes about as hard as one with
+/// levels of detail.
 #[test]
-fn a_session_is_the_same_each_time_and_about_that_by_levels() {
+fn a_session_is_reproducible_and_close_to_one_by_levels() {
     let (probe, object) = (model("ellipsoid@500"), model("golf-ball@5000"));
     let scene = Scene::new().with(object, Pose::IDENTITY);
     let (session, records) = lockstep(&probe, scene.clone(), settings(&probe), 2.0);
@@ -114,7 +115,7 @@ fn a_session_is_the_same_each_time_and_about_that_by_levels() {
     );
 }
 
-/// A cube of 4 cm whose top is at z = 0.
+/// Returns a cube of 4 cm with its top at z = 0.
 fn cube() -> Object {
     let corner = |i: u32| {
         let part = DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2));
@@ -129,12 +130,12 @@ fn cube() -> Object {
     Object::from_mesh("cube", &mesh).expect("a hierarchy")
 }
 
-/// A cube pressed onto another comes to rest, flat.
+/// A cube pressed onto another comes to rest with faces in contact.
 #[test]
 fn a_face_rests_on_a_face() {
     let (probe, plate) = (cube(), model("plate"));
     let scene = Scene::new().with(plate, Pose::IDENTITY);
-    // Held 2 mm in the plate, a little askew.
+    // Held 2 mm inside the plate, slightly tilted.
     let turn = DQuat::from_rotation_x(0.05) * DQuat::from_rotation_z(0.3);
     let held = Pose::new(DVec3::Z * 0.038, turn);
     for friction in [0.0, 0.5] {
@@ -174,9 +175,9 @@ fn a_face_rests_on_a_face() {
     }
 }
 
-/// What moves is felt to move, is pushed back, and may come and go.
+/// Moving objects are felt to move, are pushed back, and may be added and removed.
 #[test]
-fn objects_move_come_and_go() {
+fn objects_move_and_are_added_and_removed() {
     let (probe, ball) = (model("ellipsoid@500"), model("golf-ball@5000"));
     let touch = first_touch(&probe, &ball);
     let scene = Scene::new().with(ball.clone(), Pose::IDENTITY);
@@ -189,7 +190,7 @@ fn objects_move_come_and_go() {
     };
     let (count, still) = depth_of(&mut contacts, 0.0);
     assert!(count > 0 && still > 0.0, "{count} contacts push with {still} N");
-    // It rises by a tenth of a tolerance, and so pushes more.
+    // It rises by a tenth of a tolerance, and so pushes harder.
     let tolerance = 0.01 * probe.bounding_radius();
     let raised = Pose::from_translation(DVec3::Z * (0.1 * tolerance));
     assert!(contacts.set_motion(SceneId(0), &raised, &Twist::ZERO));
@@ -210,7 +211,7 @@ fn objects_move_come_and_go() {
 }
 
 #[test]
-fn what_has_no_field_is_refused_or_found_by_levels() {
+fn objects_without_a_field_are_refused_or_found_by_levels() {
     let probe = model("stylus@2000");
     // An open sheet has no inside.
     let corners = [DVec3::ZERO, DVec3::X, DVec3::Y].map(|corner| 0.1 * corner);
@@ -230,14 +231,14 @@ fn what_has_no_field_is_refused_or_found_by_levels() {
     };
     let refused = open(Scene::new(), wild).map(drop);
     assert!(matches!(&refused, Err(RendererError::Field(_))), "{refused:?}");
-    // Added to a session, it is left out.
+    // An open object that is added to a session is left out.
     let mut session = open(Scene::new(), settings(&probe)).expect("an empty scene");
     let mut editor = session.scene_editor();
     editor.add(&sheet, Pose::IDENTITY).expect("room");
     let (_, mut contact, _) = session.into_loops();
     contact.step(&BodyState::at_rest(Pose::IDENTITY), 0.0);
     assert_eq!(contact.telemetry().events.edit_refused, 1);
-    // Detail is looked at where levels find contacts.
+    // Textures need contacts from levels of detail.
     let textured = open(Scene::new().with(ridged_plate(1e-3, 5e-3), Pose::IDENTITY), settings(&probe));
     let stages = textured.expect("a textured scene").stages();
     assert!(stages["representative contacts"].contains("texture"), "{stages:?}");

@@ -1,4 +1,4 @@
-//! What a faulty device, a late loop, a start inside geometry or a clutch may do to the hand: nothing sudden.
+//! A faulty device, a late loop, a start inside geometry or a clutch cause nothing sudden at the hand.
 
 use std::sync::{Arc, Mutex};
 
@@ -14,7 +14,7 @@ use palpate_tests::model;
 
 const PERIOD: f64 = 1e-3;
 
-/// A device whose motion is given from outside and that keeps what is written.
+/// Device whose motion is given from outside and that keeps the last wrench.
 struct Given {
     specification: Specification,
     state: Arc<Mutex<Option<DeviceState>>>,
@@ -47,13 +47,13 @@ fn resting(x: DVec3) -> DeviceState {
     at(Pose::from_translation(x), Twist::ZERO)
 }
 
-/// A session in the loops of a host, pressed on a floor that is `depth` above where the object starts.
+/// Session in the loops of a host, pressed on a floor that is `depth` above where the object starts.
 struct Rig {
     haptic: HapticLoop,
     device: Box<dyn HapticDevice>,
     state: Arc<Mutex<Option<DeviceState>>>,
     refuses: Arc<Mutex<bool>>,
-    /// Height of the floor over the world's origin, m.
+    /// Height of the floor above the world's origin, m.
     floor: f64,
     now: f64,
     last: Wrench,
@@ -71,7 +71,7 @@ impl Rig {
         Self { haptic, device, state, refuses, floor, now: 0.0, last: Wrench::ZERO }
     }
 
-    /// What a contact query finds of the floor, under the object's centre of mass.
+    /// Returns the contact of the floor under the object's centre of mass.
     fn touch(&self) -> ContactUpdate {
         let center = self.haptic.body_state().pose;
         let point = center.translation;
@@ -84,7 +84,8 @@ impl Rig {
         ContactUpdate { model, time: self.now, depth, contacts: 1 }
     }
 
-    /// A step with what the device then says; checks that the wrench is finite and changed no faster than it may.
+    /// Takes a step with a state of the device, and checks that the wrench is finite and changes no faster
+    /// than allowed.
     fn step_in(&mut self, state: Option<DeviceState>, dt: f64) -> Record {
         *self.state.lock().expect("one thread") = state;
         self.now += dt;
@@ -93,7 +94,7 @@ impl Rig {
         let change = record.coupling - self.last;
         assert!(record.coupling.is_finite() && record.object.is_valid(), "{record:?}");
         let specification = self.device.specification();
-        // Down to nothing at once is allowed.
+        // A wrench may drop to zero at once.
         if record.coupling != Wrench::ZERO {
             let (force, torque) = (specification.peak_force, specification.peak_torque);
             assert!(
@@ -151,7 +152,7 @@ fn the_wrench_changes_no_faster_than_the_slew_limit() {
         -1.0,
     );
     rig.rest(10, DVec3::ZERO);
-    // A hand that jerks as fast as is believed: the damper alone would push with the device's peak at once.
+    // A hand that moves as fast as is accepted: the damper alone would push with the device's peak at once.
     for step in 1..=8 {
         let x = DVec3::X * (9e-3 * f64::from(step));
         rig.step(at(Pose::from_translation(x), Twist::new(DVec3::X * 9.0, DVec3::ZERO)));
@@ -195,11 +196,11 @@ fn readings_that_are_not_finite_are_held_and_then_nothing_is_sent() {
 fn a_jump_is_refused_and_a_lasting_one_is_believed_and_drags_nothing() {
     let mut rig = Rig::new(Settings::default(), -1.0);
     rig.rest(300, DVec3::ZERO);
-    // One bad reading: nothing happens.
+    // One bad reading changes nothing.
     let record = rig.step(resting(DVec3::X * 0.3));
     assert_eq!((record.device.translation, rig.events().device_jumped), (DVec3::ZERO, 1));
     assert!(rig.rest(50, DVec3::ZERO).coupling.force.length() < 1e-6);
-    // It stays where it jumped to: believed at the fifth reading.
+    // The device stays where it jumped to, and is trusted at the fifth reading.
     for step in 1..=5 {
         let record = rig.step(resting(DVec3::X * 0.06));
         assert_eq!(record.device.translation.x > 0.0, step == 5, "step {step}");
@@ -210,7 +211,7 @@ fn a_jump_is_refused_and_a_lasting_one_is_believed_and_drags_nothing() {
     assert!(record.object.translation.length() < 1e-6, "the object stays: {}", record.object.translation);
     assert_eq!((record.device.translation.x, rig.events().rebased), (0.06, 1));
     assert!(rig.haptic.telemetry().coupling_force_max < 1e-2);
-    // Turns likewise.
+    // The same for a rotation.
     let turned = at(Pose::new(DVec3::X * 0.06, DQuat::from_rotation_z(1.0)), Twist::ZERO);
     rig.step(turned);
     assert_eq!(rig.events().device_jumped, 6);
@@ -252,7 +253,7 @@ fn a_clutch_moves_the_device_without_the_object_and_gives_it_back_without_a_step
     let mut rig = Rig::new(settings, 5e-3);
     let before = rig.rest(500, DVec3::ZERO);
     let held = before.object;
-    // The button is pressed, and the hand goes 5 cm aside and turns.
+    // The button is pressed, and the hand moves 5 cm aside and turns.
     let mut state = resting(DVec3::ZERO);
     for step in 1..=300 {
         let share = f64::from(step - 1) / 299.0;
@@ -278,7 +279,7 @@ fn a_clutch_moves_the_device_without_the_object_and_gives_it_back_without_a_step
         rig.last,
         before.coupling
     );
-    // Moving on, the object follows along the same axes.
+    // After the clutch, the object follows along the same axes.
     let start = state.pose;
     for step in 1..=300 {
         state.pose.translation = start.translation + DVec3::X * 1e-4 * f64::from(step);
@@ -317,7 +318,7 @@ fn a_scaled_and_turned_workspace_feels_as_stiff() {
                 ..ContactSettings::default()
             },
             tool: ToolSettings {
-                // Where the handle is: the least lever makes the coupling softer.
+                // At the handle: any lever makes the coupling softer.
                 grasp: Some(Pose::IDENTITY),
                 ..ToolSettings::default()
             },
@@ -325,7 +326,8 @@ fn a_scaled_and_turned_workspace_feels_as_stiff() {
         };
         let mut rig = Rig::new(settings, 0.0);
         assert!(rig.haptic.object_pose().translation.distance(settings.device.frame.translation) < 1e-12);
-        // World up is the device's −z … y: the floor's normal is world z, which is the device's y axis turned.
+        // World up is the device's −z … y: the floor's normal is world z, which is the device's y axis
+        // turned.
         let down = turn.conjugate() * DVec3::NEG_Z * 2e-3;
         let record = rig.rest(1000, down);
         let pressed = settings.device.frame.transform_point(down * scale);

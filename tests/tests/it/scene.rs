@@ -1,4 +1,5 @@
-//! Sessions with several objects: far ones change nothing, and those that the host moves are felt where they are.
+//! Sessions with several objects: distant ones change nothing, and those that the host moves are felt where
+//! they are.
 
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
@@ -46,7 +47,7 @@ fn far_instances_change_nothing() {
         records
     });
     assert!(alone.iter().any(|row| row.contacts > 0));
-    // As text: before the first query the age of the contact model is not a number.
+    // Compared as text, since before the first query the age of the contact model is not a number.
     for (one, other) in alone.iter().zip(&among) {
         assert_eq!(format!("{one:?}"), format!("{other:?}"));
     }
@@ -76,22 +77,24 @@ fn a_moved_object_is_felt_where_it_is() {
     assert!(!contact.set_pose(SceneId(2), &below), "there are two");
 }
 
-/// Below the probe at the origin, so that they touch.
+/// Returns a pose of the object below the probe at the origin, in contact.
 fn below(probe: &Object, object: &Object) -> Pose {
     let top = |object: &Object| object.clod.vertices.iter().map(|v| v.z).fold(f64::NEG_INFINITY, f64::max);
     let bottom = probe.clod.vertices.iter().map(|v| v.z).fold(f64::INFINITY, f64::min);
     Pose::from_translation((0.9 * bottom - top(object)) * DVec3::Z)
 }
 
-/// Within a thousandth: where the probe is deep in the object, its proxy may have come another way.
+/// Returns whether wrenches agree within a thousandth: where the probe is deep in the object, its proxy may
+/// have taken another path.
 fn same(one: Wrench, other: Wrench) -> bool {
     let near = |one: DVec3, other: DVec3| one.distance(other) < 1e-3 * other.length().max(1e-3);
     near(one.force, other.force) && one.torque.distance(other.torque) < 1e-5
 }
 
-/// What is added, moved, scaled and removed from elsewhere is felt as if the scene had been so from the start.
+/// Objects that are added, moved, scaled and removed from elsewhere feel as if the scene had been so from the
+/// start.
 #[test]
-fn edits_are_felt_from_the_next_step_on() {
+fn edits_are_felt_from_the_next_step() {
     let [probe, ball] = objects();
     let near = below(&probe, &ball);
     let still = || IntendedPath::from(Pose::IDENTITY);
@@ -119,7 +122,7 @@ fn edits_are_felt_from_the_next_step_on() {
     let far = Pose::from_translation(DVec3::X);
     editor.set_pose(first, far).expect("room");
     assert_eq!(felt(&mut contact), nothing);
-    // Half as large, where its top is as high.
+    // Half as large, with its top at the same height.
     let small = ball.scaled(0.5).expect("a factor");
     let at = below(&probe, &small);
     editor.replace(first, &small, at).expect("room");
@@ -131,7 +134,7 @@ fn edits_are_felt_from_the_next_step_on() {
     let now = felt(&mut contact);
     assert!(same(now, pushed), "{now:?} {pushed:?}");
     assert_eq!(contact.telemetry().events.edit_refused, 0);
-    // What is not there cannot be changed.
+    // Unknown objects cannot be changed.
     let unknown = EditError::Unknown;
     assert_eq!(editor.set_pose(first, near), Err(unknown(first)));
     assert_eq!(editor.remove(first), Err(unknown(first)));
@@ -155,7 +158,7 @@ fn edits_are_felt_from_the_next_step_on() {
     assert_eq!(more, Some(Err(EditError::Full)));
 }
 
-/// Textures come and go with the objects that have them.
+/// Textures are added and removed with their objects.
 #[test]
 fn textured_objects_can_be_added() {
     let [probe, ball] = objects();
@@ -179,7 +182,7 @@ fn textured_objects_can_be_added() {
     assert_eq!(contact.telemetry().events.edit_refused, 0);
 }
 
-/// Until the latest step is so.
+/// Waits until the latest step satisfies a condition.
 fn wait(running: &mut RunningSession, what: &str, is_so: impl Fn(&Record) -> bool) {
     let begun = std::time::Instant::now();
     while !running.latest().is_some_and(&is_so) {
@@ -188,7 +191,8 @@ fn wait(running: &mut RunningSession, what: &str, is_so: impl Fn(&Record) -> boo
     }
 }
 
-/// A session of its own takes edits while it runs, shows where the object is, and gives its summary when it is stopped.
+/// A spawned session takes edits while it runs, shows where the object is, and returns its summary when it is
+/// stopped.
 #[test]
 fn a_spawned_session_is_edited_while_it_runs() {
     let [probe, ball] = objects();
@@ -204,9 +208,9 @@ fn a_spawned_session_is_edited_while_it_runs() {
     assert!(session.summary().haptic.steps > 50 && session.summary().events.edit_refused == 0);
 }
 
-/// Editors are handles to one: what one adds the other can move, whichever was taken first.
+/// All editors of a scene share its objects: what one adds the other can move.
 #[test]
-fn editors_of_a_scene_know_what_each_other_added() {
+fn editors_of_a_scene_share_their_objects() {
     let [probe, ball] = objects();
     let near = below(&probe, &ball);
     let mut renderer = renderer(probe, Scene::new(), Pose::IDENTITY.into());
@@ -216,7 +220,7 @@ fn editors_of_a_scene_know_what_each_other_added() {
     second.set_pose(id, near).expect("the other's object");
     assert_ne!(second.add(&ball, Pose::from_translation(DVec3::Y)), Ok(id));
     assert!(contact.step(haptic.body_state(), 0.002).contacts > 0);
-    // So does the loop's host.
+    // So do the host's objects.
     let hosts = SceneId(100);
     assert!(contact.add(hosts, &ball, &Pose::from_translation(DVec3::Z)));
     first.remove(hosts).expect("the host's object");
@@ -225,9 +229,10 @@ fn editors_of_a_scene_know_what_each_other_added() {
     assert_eq!(contact.telemetry().events.edit_refused, 0);
 }
 
-/// What is taken of a renderer works once its session runs, and so does what the session gives: each in a thread of its own.
+/// Handles taken of a renderer work once its session runs, and so do those of the session, each in its own
+/// thread.
 #[test]
-fn what_is_taken_before_spawn_works_after_it() {
+fn handles_taken_before_spawn_work_after_it() {
     fn sendable<T: Send + 'static>(_: &T) {}
     let [probe, ball] = objects();
     let near = below(&probe, &ball);
@@ -261,7 +266,7 @@ fn what_is_taken_before_spawn_works_after_it() {
     softer.contact.friction = 0.2;
     settings.set(softer).expect("in range");
     assert_eq!(early_settings.settings().contact.stiffness, 700.0);
-    // A reaction goes to one of those who take them.
+    // A reaction goes to one of the handles that take reactions.
     let mut scene = scene;
     let mobility =
         DynamicBody { mass: 1.0, inertia: DMat3::IDENTITY, center_of_mass: DVec3::ZERO, period: 1e-3 };
@@ -276,6 +281,6 @@ fn what_is_taken_before_spawn_works_after_it() {
     let session = handle.stop().expect("no panic");
     assert_eq!(session.summary().events.edit_refused, 0);
     drop((late_watch, early_watch));
-    // A handle that is dropped ends its session.
+    // Dropping the handle ends the session.
     assert!(scene.remove(id).is_ok(), "a change waits, whether or not anyone makes it");
 }

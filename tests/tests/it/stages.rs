@@ -1,4 +1,5 @@
-//! Stages that a scene does not need: they report that they are off and why, and take no memory and change no result.
+//! Stages that a scene does not need: they report that they are off and why, take no memory, and change no
+//! result.
 
 use std::sync::atomic::AtomicBool;
 
@@ -15,7 +16,7 @@ fn renderer(probe: &Object, objects: &[Object], settings: Settings) -> HapticRen
     HapticRenderer::new(probe.clone(), scene, device, settings).expect("renderer")
 }
 
-/// Records of a session on a simulated clock.
+/// Runs a session on a simulated clock and returns its records.
 fn records(renderer: HapticRenderer) -> Vec<Record> {
     let mut records = Vec::new();
     let ran = renderer.run_lockstep(4.0, ContactTiming::busy(500.0), &AtomicBool::new(false), |record| {
@@ -27,7 +28,7 @@ fn records(renderer: HapticRenderer) -> Vec<Record> {
 }
 
 #[test]
-fn stages_say_whether_they_are_on_and_why() {
+fn stages_report_whether_they_are_on_and_why() {
     let (hull, ball, ridges) = (model("ellipsoid@500"), model("golf-ball@2000"), ridged_plate(5e-4, 2e-3));
     let error = |error| Settings {
         detail: DetailSettings { error, ..DetailSettings::default() },
@@ -94,9 +95,9 @@ fn stages_say_whether_they_are_on_and_why() {
     );
 }
 
-/// Of two convex hulls there is no detail to leave out: the answer is the same, bit for bit.
+/// Two convex hulls have no detail to leave out: the result is the same, bit for bit.
 #[test]
-fn convex_hulls_do_not_mind_what_detail_is_left_out() {
+fn convex_hulls_do_not_depend_on_the_error_threshold() {
     let hull = model("ellipsoid@500");
     let with = |object: &Object, error| {
         let settings = Settings {
@@ -122,14 +123,14 @@ fn convex_hulls_do_not_mind_what_detail_is_left_out() {
     assert!(bits(&with(&ball, 0.0)) != bits(&with(&ball, 5e-3)), "a ball with dimples has some");
 }
 
-/// A session takes as much memory whatever is set for textures, unless there is one.
+/// The memory of a session without textures does not depend on their settings.
 #[test]
-fn no_memory_is_taken_for_textures_that_are_not_there() {
+fn no_memory_is_taken_for_absent_textures() {
     let (probe, plate, ridges) = (model("ellipsoid@500"), model("plate"), ridged_plate(5e-4, 2e-3));
     let bytes = |object: &Object, grid: u32, steps: u32| {
         let textures = TextureSettings { grid, ..TextureSettings::default() };
         let scene = Scene::new().with(object.clone(), Pose::IDENTITY);
-        // Shapes are made when first asked for, and devices are what they are.
+        // Runs once before, since shapes are built at first use.
         let settings = Settings { textures, ..Settings::default() };
         drop(renderer(&probe, std::slice::from_ref(object), settings));
         let device = explore::open_device("emulated", &probe, &scene).expect("emulated device");

@@ -10,7 +10,7 @@ use palpate_tests::model;
 
 const PERIOD: f64 = 1e-3;
 
-/// A device whose readings are stamped with the time that they were read at, whenever their report came.
+/// Device whose readings have the time of the read, instead of the report's.
 struct StampedWhenRead<D>(D);
 
 impl<D: HapticDevice> HapticDevice for StampedWhenRead<D> {
@@ -31,7 +31,7 @@ impl<D: HapticDevice> HapticDevice for StampedWhenRead<D> {
     }
 }
 
-/// Its motion, by the times of reports or by those of readings.
+/// Motion codec with the times of reports, or with those of reads.
 struct Stamped {
     motion: EncodedMotion,
     when_read: bool,
@@ -45,8 +45,9 @@ impl Motion for Stamped {
     }
 }
 
-/// A loop on a WoodenHaptics that moves steadily at 0.2 m/s in free space and reports every `every` steps: by how much the force
-/// changes in a step at most, N, and how many readings were told as stale.
+/// Runs a loop on a WoodenHaptics that moves steadily at 0.2 m/s in free space and reports every `every`
+/// steps. Returns the largest change of the force in a step, N, and the number of readings that counted as
+/// stale.
 fn ripple(every: i16, stamped_when_read: bool) -> (f64, u64) {
     let wire = FakeWire::new();
     let other = wire.clone();
@@ -59,7 +60,7 @@ fn ripple(every: i16, stamped_when_read: bool) -> (f64, u64) {
         if stamped_when_read { Box::new(StampedWhenRead(device)) } else { Box::new(device) };
     let settings =
         Settings { tool: ToolSettings { mass: 0.5, ..ToolSettings::default() }, ..Settings::default() };
-    // Before the first report there is no device to begin with.
+    // The loop needs a device, which is there from its first report on.
     let encoders = |step: i16| [5 * step, 1333, 2547, 0, 0, 0, 0].map(i16::to_le_bytes).concat();
     wire.send(&encoders(0));
     pump.round(0.0);
@@ -92,6 +93,6 @@ fn half_the_rate_of_reports_gives_no_ripple_of_the_force() {
         "{none} {unseen} {stale} stale readings"
     );
     assert!(other < 2.0 * each + 0.05, "{other} N at half the rate, {each} N at the whole");
-    // The test can tell.
-    assert!(wrong > 5.0 * other, "{wrong} N where stale readings are not told, {other} N where they are");
+    // Without detection of stale readings the test fails.
+    assert!(wrong > 5.0 * other, "{wrong} N with stale readings unnoticed, {other} N with them noticed");
 }

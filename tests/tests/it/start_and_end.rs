@@ -1,5 +1,5 @@
-//! How sessions end, looked at from the device. Where a process is killed, stopped or panics, it is one of its own, and the device is
-//! at the other end of a socket.
+//! Ends of sessions, observed from the device. Where a process is killed, stopped or panics, it is one of its
+//! own, and the device is at the other end of a socket.
 
 #![allow(clippy::print_stdout, reason = "what was measured")]
 
@@ -20,16 +20,16 @@ use palpate::threads::{Role, set_up};
 use palpate::{Contact, ContactUpdate, HapticRenderer, Pose, Scene, Settings, Twist, Wrench, explore};
 use palpate_tests::model;
 
-/// Where the sockets of the process at the host's end are, and how it ends.
+/// Names of the environment variables for the folder of the host process's sockets, and for how it ends.
 const FOLDER: &str = "PALPATE_TESTS_FOLDER";
 const ENDS: &str = "PALPATE_TESTS_ENDS";
-/// What the host says before it ends: no force is that short.
-const ENDING: &[u8] = b"ends";
-/// How long the device keeps a force without a report from the host.
+/// Message of the host before it ends: no force is that short.
+const END_MESSAGE: &[u8] = b"ends";
+/// Time for which the device keeps a force without a report from the host.
 const DEVICE_TIMEOUT: Duration = Duration::from_millis(50);
 const PERIOD: Duration = Duration::from_millis(1);
 
-/// The place of the handle, and the force on it, as three numbers.
+/// Codec of the handle's position and of the force on it, as three numbers.
 #[derive(Default)]
 struct Plain;
 
@@ -68,7 +68,7 @@ fn numbers(bytes: &[u8]) -> Option<[f64; 3]> {
     whole.then_some(numbers)
 }
 
-/// The host's end of the socket.
+/// Host's end of the socket.
 struct Socket(UnixDatagram);
 
 impl Socket {
@@ -114,9 +114,9 @@ fn specification() -> Specification {
     }
 }
 
-/// Not a test: the process at the host's end, which the tests begin. It presses on a floor 5 mm under the hand.
+/// Not a test: the host process that the tests start. It presses on a floor 5 mm under the hand.
 #[test]
-#[ignore = "the other tests begin it"]
+#[ignore = "the other tests start it"]
 fn host() {
     let (Some(folder), Ok(ends)) = (env::var_os(FOLDER).map(PathBuf::from), env::var(ENDS)) else { return };
     let wire = Socket::open(&folder).expect("the device's socket");
@@ -152,28 +152,28 @@ fn host() {
         last = now;
         if ends == "panics" && now > 1.0 {
             std::panic::set_hook(Box::new(|_| std::thread::sleep(Duration::from_millis(500))));
-            own.send(ENDING).expect("the device hears it");
+            own.send(END_MESSAGE).expect("the device hears it");
             panic!("the haptic thread panics, as this test wants");
         }
     }
 }
 
-/// The device, at the other end of the host's socket: its hand holds still.
+/// Device at the other end of the host's socket, whose hand holds still.
 struct Device {
     folder: tempfile::TempDir,
     socket: UnixDatagram,
     host: Child,
     start: Instant,
-    /// When each force came, and how large it was, N.
+    /// Time and magnitude (N) of each force.
     forces: Vec<(Duration, f64)>,
-    /// When the host said that it ends.
+    /// Time at which the host announced its end.
     ending: Option<Duration>,
 }
 
 impl Device {
-    /// With a host that presses on it.
+    /// Starts a host that presses on the device.
     fn pressed(ends: &str) -> Self {
-        // A device keeps its time whatever else the machine does.
+        // A device keeps time whatever else the machine does.
         set_up(Role::Device);
         let folder = tempfile::tempdir().expect("a folder");
         let socket = UnixDatagram::bind(folder.path().join("device")).expect("a socket");
@@ -195,11 +195,11 @@ impl Device {
         device
     }
 
-    /// Sends its place each millisecond, and takes the forces that come.
+    /// Sends the position each millisecond, and takes the forces that arrive.
     fn pass(&mut self, time: Duration) {
         let until = Instant::now() + time;
         while Instant::now() < until {
-            // A host that does not read finds the newest lost.
+            // If the host does not read, the newest reports are lost.
             let _ = self.socket.send_to(&bytes([0.0; 3]), self.folder.path().join("host"));
             let mut report = [0; 64];
             while let Ok(length) = self.socket.recv(&mut report) {
@@ -218,7 +218,7 @@ impl Device {
         assert!(kill.expect("kill").success());
     }
 
-    /// When the last force came.
+    /// Returns time and magnitude of the last force.
     fn last(&self) -> (Duration, f64) {
         *self.forces.last().expect("a force")
     }
@@ -231,9 +231,9 @@ impl Drop for Device {
     }
 }
 
-/// What is written is told again before a device would let go, and nothing of a killed process goes on telling.
+/// The host repeats its force before a device would drop it, and nothing of a killed process goes on sending.
 #[test]
-fn a_process_that_is_killed_tells_nothing_more() {
+fn a_process_that_is_killed_sends_nothing_more() {
     let mut device = Device::pressed("killed");
     device.pass(Duration::from_millis(500));
     let (_, pressed) = device.last();
@@ -247,16 +247,16 @@ fn a_process_that_is_killed_tells_nothing_more() {
     assert!(late < DEVICE_TIMEOUT, "forces came until {late:?} after it");
 }
 
-/// A process that was suspended does not go on where it was: the force comes up anew.
+/// A suspended process does not go on where it was: the force comes up from zero.
 #[test]
-fn a_process_that_was_suspended_begins_from_nothing() {
+fn a_process_that_was_suspended_starts_from_zero() {
     let mut device = Device::pressed("killed");
     device.pass(Duration::from_millis(300));
     device.signal("STOP");
     device.pass(Duration::from_millis(100));
     let before = device.forces.len();
     device.pass(Duration::from_millis(400));
-    assert_eq!(device.forces.len(), before, "a suspended process tells nothing");
+    assert_eq!(device.forces.len(), before, "a suspended process sends nothing");
     device.signal("CONT");
     device.pass(Duration::from_millis(800));
     let (again, first) = device.forces[before];
@@ -294,7 +294,7 @@ fn a_haptic_thread_that_panics_leaves_no_force() {
     assert!(device.host.try_wait().expect("a process").is_none(), "the hook is not done yet");
 }
 
-/// An emulated device that keeps what is written to it.
+/// Emulated device that keeps the forces written to it.
 struct Kept {
     inner: Box<dyn HapticDevice>,
     written: Arc<Mutex<Vec<(Instant, f64)>>>,
@@ -321,7 +321,7 @@ impl HapticDevice for Kept {
     }
 }
 
-/// A session that ends while the hand presses takes its force away over 50 ms, not at once.
+/// A session that ends while the hand presses fades its force over 50 ms, not at once.
 #[test]
 fn a_session_in_real_time_fades_at_its_end() {
     let [probe, ball] = ["ellipsoid@500", "golf-ball@5000"].map(model);
@@ -342,7 +342,7 @@ fn a_session_in_real_time_fades_at_its_end() {
     assert!(full > 0.05, "{full} N before the end");
     for pair in fading.windows(2) {
         let (passed, fell) = (pair[1].0 - pair[0].0, pair[0].1 - pair[1].1);
-        // The smooth curve's steepest slope is one and a half of the mean.
+        // The steepest slope of the smooth step is one and a half times its mean.
         let most = full * (1.5 * passed.as_secs_f64().max(1e-3) / 0.05 + 0.05);
         assert!(fell < most, "{fell} N in {passed:?} of {full} N");
     }

@@ -1,5 +1,5 @@
-//! What contact steps do where that which computes textured contacts fails, is late, or is yet to be made: the processor
-//! computes them, in time, and it is counted.
+//! Contact steps while the backend of textured contacts fails, is late, or is not ready yet: the processor
+//! computes them in time, and this is counted.
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -19,14 +19,14 @@ use palpate::texture_pd::{
 use palpate::{ContactLoop, HapticRenderer, Object, Pose, Scene, SceneId, Settings};
 use palpate_tests::{model, ridged_plate};
 
-/// Below the probe at the origin, so that they touch.
+/// Returns a pose of the object below the probe at the origin, in contact.
 fn below(probe: &Object, object: &Object) -> Pose {
     let top = |object: &Object| object.clod.vertices.iter().map(|v| v.z).fold(f64::NEG_INFINITY, f64::max);
     let bottom = probe.clod.vertices.iter().map(|v| v.z).fold(f64::INFINITY, f64::min);
     Pose::from_translation((0.9 * bottom - top(object)) * DVec3::Z)
 }
 
-/// A contact loop whose probe is held at a textured plate, which is felt.
+/// Contact loop whose probe is held against a textured plate.
 struct Held {
     contact: ContactLoop,
     body: BodyState,
@@ -52,7 +52,7 @@ impl Held {
         Self::new(Scene::new().with(plate, at), Some(backend), TextureSettings::default())
     }
 
-    /// The force of a contact step, N, and how long it took.
+    /// Takes a contact step; returns its force, N, and its duration.
     fn step(&mut self) -> (f64, Duration) {
         self.time += 0.002;
         let start = Instant::now();
@@ -74,7 +74,8 @@ fn failed() -> BackendError {
     BackendError::Device { device: "gone".into(), reason: "it is lost".into() }
 }
 
-/// Fails as it is told, and otherwise computes as the processor does, or at once that nothing touches.
+/// Backend that fails on demand, and otherwise computes as the processor does, or returns at once that
+/// nothing touches.
 struct Failing<F> {
     processor: CpuBackend,
     batches: usize,
@@ -112,7 +113,7 @@ fn failing(
     Failing { processor: CpuBackend::new(), batches: 0, fails, hasty: false }
 }
 
-/// A batch that a backend has no room for is the processor's, and the next is the backend's again.
+/// The processor computes a batch that is too large for the backend, and the backend the next one.
 #[test]
 fn a_batch_that_is_too_large_falls_back_alone() {
     let asked = Arc::new(std::sync::atomic::AtomicUsize::new(0));
@@ -132,9 +133,9 @@ fn a_batch_that_is_too_large_falls_back_alone() {
     assert_eq!(held.lost(), 5);
 }
 
-/// A backend that chose the faster of two counts what it falls back from as any other does.
+/// A backend that selects the faster of two counts fallbacks like any other.
 #[test]
-fn failures_count_with_the_backend_that_chooses_too() {
+fn failures_are_counted_with_the_selecting_backend() {
     let plate = Model::Plate.generate(12).expect("plate");
     let surface = Arc::new(TexturedSurface::plain(&plate).expect("a surface"));
     let mut surfaces = SurfaceSet::default();
@@ -151,7 +152,7 @@ fn failures_count_with_the_backend_that_chooses_too() {
         reach: 0.1,
         domain: Domain::WHOLE,
     };
-    // Ten batches are measured; the third of the session is lost.
+    // The selection takes ten batches; the third batch of the session is lost.
     let other = Failing { hasty: true, ..failing(|batch| (batch > 12).then(failed)) };
     let settings = DepthSettings { grid: 200, ..DepthSettings::default() };
     let auto = AutoBackend::choose(Box::new(other), &surfaces, &[contact], &settings).expect("settings");
@@ -164,7 +165,7 @@ fn failures_count_with_the_backend_that_chooses_too() {
     assert_eq!(held.lost(), 1);
 }
 
-/// What a future has: wgpu's natively are ready at once.
+/// Returns the value of a future; wgpu's native ones are ready at once.
 fn ready<T>(future: impl Future<Output = T>) -> T {
     match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(value) => value,
@@ -172,7 +173,7 @@ fn ready<T>(future: impl Future<Output = T>) -> T {
     }
 }
 
-/// A software driver's, on which submissions are worked through one after the other.
+/// Returns the device of a software driver, which works through submissions one after the other.
 fn device() -> (Device, Queue) {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let software = wgpu::RequestAdapterOptions { force_fallback_adapter: true, ..Default::default() };
@@ -180,7 +181,7 @@ fn device() -> (Device, Queue) {
     ready(adapter.request_device(&Default::default())).expect("the adapter gives a device")
 }
 
-/// Work that a host has for its device.
+/// Work of a host on its device.
 struct Work {
     pipeline: wgpu::ComputePipeline,
     group: wgpu::BindGroup,
@@ -247,10 +248,10 @@ impl Work {
     }
 }
 
-/// The host's own work keeps the queue for seconds: a contact step waits no longer than its deadline, and the device is given up
-/// after a second without an answer.
+/// The host's own work occupies the queue for seconds. A contact step waits no longer than its deadline, and
+/// the device is given up after a second without an answer.
 #[test]
-fn a_device_that_hangs_holds_no_contact_step() {
+fn a_device_that_hangs_delays_no_contact_step() {
     let (device, queue) = device();
     let backend = WgpuBackend::with_device("host", device.clone(), queue.clone()).expect("a backend");
     let mut held = Held::at_plate(Box::new(backend));
@@ -278,16 +279,16 @@ fn a_device_that_hangs_holds_no_contact_step() {
     assert!(ended.elapsed() < Duration::from_millis(500), "{:?} to end", ended.elapsed());
 }
 
-/// The processor goes on where the host's device is lost, from one step to the next.
+/// The processor takes over from one step to the next when the host's device is lost.
 #[test]
-fn a_device_that_is_lost_is_counted_and_asked_no_more() {
+fn a_device_that_is_lost_is_counted_and_not_used_again() {
     let (device, queue) = device();
     let backend = WgpuBackend::with_device("host", device.clone(), queue).expect("a backend");
     let mut held = Held::at_plate(Box::new(backend));
     held.step();
     let before = held.lost();
     device.destroy();
-    // On a busy machine an answer may be late before that is known.
+    // On a busy machine an answer may be late before the loss is known.
     for _ in 0..10 {
         assert!(held.step().0 > 0.01);
         std::thread::sleep(Duration::from_millis(20));
@@ -300,9 +301,10 @@ fn a_device_that_is_lost_is_counted_and_asked_no_more() {
     assert_eq!(held.lost(), lost);
 }
 
-/// A device and its kernels take long to make: not in the contact step in which the first texture comes.
+/// A device and its kernels take long to build, which must not happen in the contact step in which the first
+/// texture appears.
 #[test]
-fn a_texture_that_comes_holds_no_contact_step() {
+fn a_new_texture_delays_no_contact_step() {
     let textures = TextureSettings::default();
     let (probe, plate) = (model("ellipsoid@500"), ridged_plate(5e-4, 2e-3));
     let at = below(&probe, &plate);
@@ -317,7 +319,7 @@ fn a_texture_that_comes_holds_no_contact_step() {
         assert!(held.contact.remove(SceneId(7)) && held.step().0 == 0.0);
         added + took
     };
-    // Of three, as a machine may be busy.
+    // The fastest of three, since the machine may be busy.
     let fastest = |backend| (0..3).map(|_| add(backend)).min().unwrap_or_default();
     let processor = fastest(TextureBackend::Processor);
     for backend in [TextureBackend::Gpu, TextureBackend::Auto] {

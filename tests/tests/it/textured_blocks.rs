@@ -1,5 +1,5 @@
-//! The dissertation's experiments on how interlocking relief is felt (§4.5.2): a ridged block dragged over a gear (Fig. 4.14), and turned
-//! on another block (Fig. 4.15).
+//! Experiments of the dissertation on interlocking relief (§4.5.2): a ridged block dragged over a gear (Fig.
+//! 4.14), and turned on another block (Fig. 4.15).
 
 #![allow(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
 
@@ -16,12 +16,12 @@ use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settin
 use palpate_measure::correlation;
 use palpate_tests::smooth;
 
-/// Distance of ridges and of teeth, height of the block, and where the gear's rim is, m.
+/// Distance of ridges and of teeth, height of the block, and height of the gear's rim over its centre, m.
 const PITCH: f64 = 8e-3;
 const HEIGHT: f64 = 0.036;
 const RIM: f64 = 0.0306;
 
-/// A built-in model as a coarse mesh of so many triangles with the detail baked onto it.
+/// Returns a built-in model as a coarse mesh of so many triangles, with the detail baked onto it.
 fn detailed(model: Model, coarse: usize) -> Object {
     let full = model.generate(model.default_triangles()).unwrap();
     let coarse = model.generate(coarse).unwrap();
@@ -29,7 +29,7 @@ fn detailed(model: Model, coarse: usize) -> Object {
     Object::detailed(model.name(), &coarse, &full, &options, &mut |_| ControlFlow::Continue(())).unwrap().0
 }
 
-/// What the hand means to do, as a pose of the block by time (s).
+/// Renders a hand that aims at a pose of the block by time (s).
 fn render(
     probe: Object,
     scene: Scene,
@@ -59,8 +59,8 @@ fn render(
     (records, session.summary())
 }
 
-/// Dragged across the gear's teeth the block moves in steps of their distance, and up and down with them; along them it feels less
-/// than a hundredth of that.
+/// Dragged across the gear's teeth, the block moves in steps of their distance, and up and down with them.
+/// Along them it feels less than a hundredth of the force across.
 #[test]
 fn block_climbs_over_the_teeth_of_a_gear_and_feels_nothing_along_them() {
     let upright = Pose::new(DVec3::ZERO, DQuat::from_rotation_y(FRAC_PI_2));
@@ -80,8 +80,8 @@ fn block_climbs_over_the_teeth_of_a_gear_and_feels_nothing_along_them() {
     assert!(largest.x < 0.01 * largest.y, "{largest}");
     assert!(largest.y > 0.3 && summary.depth_max < 2e-3, "{largest}, {} m", summary.depth_max);
 
-    // Where the block rests between teeth and where it is on its way: of the time that the hand moves evenly, it spends more on
-    // the first half of each tooth's distance than on the second.
+    // The hand moves evenly, but the block stays between teeth: it spends more time in the first half of each
+    // tooth's distance than in the second.
     let moving = || pressed.iter().filter(|record| record.time < 3.0);
     let heights: Vec<f64> = moving().map(|record| record.object.translation.z).collect();
     let (low, high) = heights.iter().fold((f64::MAX, f64::MIN), |(low, high), z| (low.min(*z), high.max(*z)));
@@ -93,7 +93,7 @@ fn block_climbs_over_the_teeth_of_a_gear_and_feels_nothing_along_them() {
 
 /// Turned on another block, ridges in grooves, the block rises with the angle, and a torque opposes.
 #[test]
-fn block_rises_as_it_is_turned_on_another_and_is_held_back() {
+fn block_rises_as_it_is_turned_on_another_and_a_torque_opposes() {
     let block = detailed(Model::Block, 300);
     let scene = Scene::new().with(block.clone(), Pose::IDENTITY);
     let textures = TextureSettings { half_size: Some(0.05), ..TextureSettings::default() };
@@ -110,7 +110,7 @@ fn block_rises_as_it_is_turned_on_another_and_is_held_back() {
     let (most, risen) = (angle(furthest), furthest.object.translation.z - rest);
     println!("turned by {most} rad, risen by {risen} m there, deepest {} m", summary.depth_max);
     assert!(most.abs() > 5e-3 && risen > 5e-5, "{most} rad, {risen} m");
-    // Height by angle: the correlation over all that was turned.
+    // Correlation of height and angle over the whole turn.
     let (angles, heights): (Vec<f64>, Vec<f64>) =
         turning.iter().map(|record| (angle(record).abs(), record.object.translation.z)).unzip();
     let correlation = correlation(&angles, &heights);

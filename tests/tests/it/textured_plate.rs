@@ -1,7 +1,7 @@
-//! The dissertation's experiment with textures (§5.5.4): a probe with a round tip on a plate with ridges 8 mm high, a flat plate
-//! with a texture, moved from left to right and faster back.
+//! Experiment of the dissertation with textures (§5.5.4): a probe with a round tip on a plate with ridges 8
+//! mm high, which is a flat plate with a texture, moved from left to right and faster back.
 //!
-//! The hand's device has no encoder steps here, whose noise would be felt through the ridges' slopes.
+//! The device has no encoder steps, whose noise would be felt through the slopes of the ridges.
 
 #![allow(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
 
@@ -14,15 +14,15 @@ use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings};
 use palpate_tests::{model, ridged_plate, smooth};
 use rayon::prelude::*;
 
-/// Height of ridges and their distance, m.
+/// Height of the ridges and their distance, m.
 const HEIGHT: f64 = 8e-3;
 const SPACING: f64 = 0.04;
-/// Radius of the probe's tip, and where its centre is when it touches the flat plate, m.
+/// Radius of the probe's tip, and height of its centre when it touches the flat plate, m.
 const TIP: f64 = 0.01;
-/// How far past that the hand means to press, and how far to either side it moves, m.
+/// Depth beyond the touch that the hand aims at, and displacement to either side, m.
 const PRESS: f64 = 0.01;
-const WAY: f64 = 0.12;
-/// When it begins to press, to move, and to move back, and when it has ended, s.
+const STROKE: f64 = 0.12;
+/// Times at which the hand begins to press, to move, to move back, and ends, s.
 const TIMES: [f64; 4] = [0.5, 1.5, 5.0, 6.75];
 const STEP: f64 = 1e-3;
 
@@ -33,20 +33,20 @@ fn plate(textured: bool) -> Object {
 #[derive(Clone, Copy)]
 struct Experiment {
     textured: bool,
-    /// N/m.
+    /// Contact stiffness, N/m.
     stiffness: f64,
-    /// Hz.
+    /// Rate of contact steps, Hz.
     contact_rate: f64,
     textures: TextureSettings,
 }
 
-/// The records of a run, one a haptic step.
+/// Runs the experiment and returns the records, one per haptic step.
 fn explore(experiment: &Experiment) -> Vec<Record> {
     let probe = model("stylus");
     let [start, pressed, back, end] = TIMES;
     let keyframes = (0..(end * 100.0) as usize + 20).map(|i| {
         let time = i as f64 * 0.01;
-        let along = WAY * (2.0 * (smooth(pressed, back, time) - smooth(back, end, time)) - 1.0);
+        let along = STROKE * (2.0 * (smooth(pressed, back, time) - smooth(back, end, time)) - 1.0);
         let above = TIP + 0.5 * HEIGHT + 0.002;
         let height = above - (above - TIP + PRESS) * smooth(start, pressed, time);
         Keyframe { time, pose: Pose::from_translation(DVec3::new(along, 0.003, height)) }
@@ -91,15 +91,15 @@ fn explore(experiment: &Experiment) -> Vec<Record> {
     records
 }
 
-/// What is seen while the probe moves to the right, and back.
+/// Observations while the probe moves to the right, and back.
 #[derive(Debug)]
 struct Seen {
-    /// The deepest penetration, m.
+    /// Deepest penetration, m.
     depth: f64,
-    /// Lowest and highest place of the tip's centre, m.
+    /// Lowest and highest position of the tip's centre, m.
     height: [f64; 2],
-    /// Root mean square of what changes faster than 50 Hz, where at most 5 ridges are passed in a second: of the depth (m) and
-    /// of the vertical force at the device (N).
+    /// Root mean square of the part above 50 Hz, where at most 5 ridges are passed in a second: of the depth
+    /// (m) and of the vertical force at the device (N).
     noise: [f64; 2],
 }
 
@@ -120,7 +120,8 @@ fn passes(records: &[Record]) -> [Seen; 2] {
     })
 }
 
-/// Root mean square of a series without what changes slower than 50 Hz: less its moving mean by Hann's window of 20 ms, twice.
+/// Returns the root mean square of a series above 50 Hz: after subtracting its moving mean with a Hann window
+/// of 20 ms, twice.
 fn fast_part(series: &[f64]) -> f64 {
     const HALF: usize = 20;
     let weight =
@@ -151,14 +152,14 @@ const TEXTURED: Experiment = Experiment {
     },
 };
 
-fn passes_of(name: &str, experiment: &Experiment) -> [Seen; 2] {
+fn observe_passes(name: &str, experiment: &Experiment) -> [Seen; 2] {
     let seen = passes(&explore(experiment));
     println!("{name}: {seen:?}");
     seen
 }
 
-/// The ridges are felt, and nothing else: the probe is not thrown about, and what its depth and the force have of high
-/// frequencies is a trace of what they are where forces come from the largest overlap alone (Fig. 5.12's noise).
+/// The ridges are felt without disturbance: the probe is not thrown about, and the high frequencies in depth
+/// and force are a small part of those with forces from the largest overlap alone (noise in Fig. 5.12).
 #[test]
 fn ridges_are_felt_without_noise() {
     felt_without_noise(&[(2000.0, 1000.0, 1e-6)]);
@@ -167,20 +168,20 @@ fn ridges_are_felt_without_noise() {
 #[test]
 #[ignore = "for a release build: cargo test --release -p palpate-tests --test it textured_plate:: -- --ignored"]
 fn ridges_are_felt_without_noise_in_further_cases() {
-    let [flat, _] = passes_of("flat", &Experiment { textured: false, ..TEXTURED });
+    let [flat, _] = observe_passes("flat", &Experiment { textured: false, ..TEXTURED });
     assert!(flat.height[1] - flat.height[0] < 1e-5, "{flat:?}");
     felt_without_noise(&[(2000.0, 500.0, 2e-6), (5000.0, 500.0, 2e-6), (5000.0, 1000.0, 1e-6)]);
 }
 
-/// Each case is a stiffness (N/m), a contact rate (Hz) and the bound of the noise of the depth (m).
+/// Checks cases of a stiffness (N/m), a contact rate (Hz) and a bound on the noise of the depth (m).
 fn felt_without_noise(cases: &[(f64, f64, f64)]) {
     let largest = TextureSettings { temperature: Some(0.0), ..TEXTURED.textures };
-    let noisy = || passes_of("largest overlap alone", &Experiment { textures: largest, ..TEXTURED });
+    let noisy = || observe_passes("largest overlap alone", &Experiment { textures: largest, ..TEXTURED });
     let passes = || {
         let each = cases.par_iter().map(|&(stiffness, contact_rate, most)| {
             let name = format!("{stiffness} N/m, contacts at {contact_rate} Hz");
             let experiment = Experiment { stiffness, contact_rate, ..TEXTURED };
-            let seen = passes_of(&name, &experiment);
+            let seen = observe_passes(&name, &experiment);
             (name, contact_rate, most, seen)
         });
         each.collect::<Vec<_>>()
@@ -188,7 +189,7 @@ fn felt_without_noise(cases: &[(f64, f64, f64)]) {
     let ([noisy, _], passes) = rayon::join(noisy, passes);
     for (name, contact_rate, most, [there, back]) in passes {
         for seen in [&there, &back] {
-            // What the hand presses with, 1.6 N, and what it takes to bring the body round the ridges.
+            // The hand presses with 1.6 N, plus the force that moves the body around the ridges.
             assert!(seen.depth < 1e-3, "{name}: {seen:?}");
             assert!(seen.height[1] - seen.height[0] > 0.8 * HEIGHT, "{name}: {seen:?}");
         }

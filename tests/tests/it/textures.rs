@@ -1,4 +1,5 @@
-//! Sessions with haptic textures when something is amiss: a backend that fails, a hand that is too fast, no texture at all.
+//! Sessions with haptic textures under faults: a backend that fails, a hand that is too fast, no texture at
+//! all.
 
 use std::sync::atomic::AtomicBool;
 
@@ -10,12 +11,12 @@ use palpate::texture_pd::{Answer, Backend, BackendError, Batch, CpuBackend, Surf
 use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, Summary};
 use palpate_tests::ridged_plate;
 
-/// Ridges half a millimetre high and 2 mm apart.
+/// Returns ridges half a millimetre high and 2 mm apart.
 fn ridges() -> Object {
     ridged_plate(5e-4, 2e-3)
 }
 
-/// A probe that is pressed onto the plate and drawn over it at a speed (m/s) from 0.3 s on.
+/// Returns a probe that is pressed onto the plate and drawn over it at a speed (m/s) from 0.3 s on.
 fn renderer(scene: Object, speed: f64, textures: TextureSettings) -> HapticRenderer {
     let samples = (0..80).map(|i| {
         let time = i as f64 * 0.01;
@@ -41,7 +42,7 @@ fn run(renderer: HapticRenderer) -> (Vec<Record>, Summary) {
     (records, session.summary())
 }
 
-/// Fails the first time.
+/// Backend that fails the first time.
 struct Broken;
 
 impl Backend for Broken {
@@ -55,7 +56,7 @@ impl Backend for Broken {
 }
 
 #[test]
-fn the_processor_goes_on_where_a_backend_fails() {
+fn the_processor_takes_over_when_a_backend_fails() {
     let whole = renderer(ridges(), 0.05, TextureSettings::default());
     let mut broken = renderer(ridges(), 0.05, TextureSettings::default());
     broken.set_texture_backend(Box::new(Broken));
@@ -67,7 +68,8 @@ fn the_processor_goes_on_where_a_backend_fails() {
     assert_eq!(summary.stages["textures"], "on, computed by CPU: scene ridges");
 }
 
-/// Computes as the processor does, but for slopes and curvatures that are not numbers in each so manieth answer.
+/// Backend that computes as the processor does, but returns slopes and curvatures that are not numbers in
+/// every n-th answer.
 struct Spoiling {
     processor: CpuBackend,
     every: usize,
@@ -86,14 +88,14 @@ impl Backend for Spoiling {
     ) -> Result<(), BackendError> {
         self.processor.evaluate(surfaces, batch, answers)?;
         for answer in answers.iter_mut().step_by(self.every) {
-            // All but the heights' places: the sums, from the first gradient on.
+            // All but the positions of the heights: the sums, from the first gradient on.
             bytemuck::bytes_of_mut(answer)[20..4 * 53].fill(0xff);
         }
         Ok(())
     }
 }
 
-/// One quarter of each grid is spoilt: what the others find goes on pushing, and what is left out is counted.
+/// One quarter of each grid is invalid: the others go on pushing, and what is left out is counted.
 #[test]
 fn a_depth_that_is_not_finite_is_left_out_and_counted() {
     let whole = renderer(ridges(), 0.05, TextureSettings::default());
@@ -112,7 +114,7 @@ fn a_depth_that_is_not_finite_is_left_out_and_counted() {
 }
 
 #[test]
-fn a_scene_without_textures_has_no_backend_though_one_is_asked_for() {
+fn a_scene_without_textures_has_no_backend_even_if_one_is_requested() {
     let plate = Object::from_mesh("plate", &Model::Plate.generate(12).unwrap()).unwrap();
     let textures = TextureSettings { backend: TextureBackend::Auto, ..TextureSettings::default() };
     let mut renderer = renderer(plate, 0.05, textures);
@@ -122,7 +124,7 @@ fn a_scene_without_textures_has_no_backend_though_one_is_asked_for() {
     assert_eq!(summary.events.texture_backend_lost, 0);
 }
 
-/// On the software driver at least: whichever is faster renders the same.
+/// Both backends render the same, at least on the software driver.
 #[test]
 fn the_faster_backend_renders_as_the_processor_does() {
     let auto = TextureSettings { backend: TextureBackend::Auto, ..TextureSettings::default() };
@@ -135,9 +137,9 @@ fn the_faster_backend_renders_as_the_processor_does() {
     }
 }
 
-/// Ridges that are passed faster than contacts are found are not felt as what they are, which is counted.
+/// Ridges that are passed faster than contacts are found are not felt correctly, which is counted.
 #[test]
-fn sliding_too_fast_for_the_texture_is_told() {
+fn sliding_too_fast_for_the_texture_is_counted() {
     let [slow, fast] = [0.005, 0.5].map(|speed| {
         let (_, summary) = run(renderer(ridges(), speed, TextureSettings::default()));
         summary.events.texture_undersampled

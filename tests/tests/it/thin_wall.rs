@@ -1,4 +1,4 @@
-//! Fast and strong hands at thin walls (§5.6.1): an object stays on the side that it came from.
+//! Fast and strong hands at thin walls (§5.6.1): an object stays on its side of the wall.
 
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
@@ -12,10 +12,10 @@ use palpate::{
     ContactTiming, HapticRenderer, Object, Pose, Record, Scene, SceneId, Session, Settings, TriMesh, Twist,
 };
 
-/// Half the sides of plates, m.
+/// Half extents of the plates, m.
 const HALF: f64 = 0.05;
 
-/// A block about the origin with the given sides, m.
+/// Returns a block about the origin with the given sides, m.
 fn block(size: DVec3) -> Object {
     let mesh = Model::Block.generate(300).expect("in range");
     let (low, high) = mesh
@@ -32,7 +32,7 @@ fn plate(thickness: f64) -> Object {
     block(DVec3::new(2.0 * HALF, 2.0 * HALF, thickness))
 }
 
-/// An ellipsoid, and how far its middle is above what it lies on.
+/// Returns an ellipsoid, and the height of its centre above a surface that it lies on.
 fn ellipsoid() -> (Object, f64) {
     let mesh = Model::Ellipsoid.generate(500).expect("in range");
     let lowest = mesh.vertices().iter().fold(f64::INFINITY, |low, v| low.min(v.z));
@@ -59,8 +59,9 @@ fn render(
     (session, records)
 }
 
-/// How often an ellipsoid that is driven 5 mm past its touch ends behind the plate, or without a proxy to bring it back is
-/// there for a moment, of five hits that meet the contact queries, 200 a second, at different times.
+/// Counts hits in which an ellipsoid, driven 5 mm beyond its touch, ends behind the plate; without a proxy to
+/// bring it back, hits in which it is behind for a moment. Of five hits at different phases of the contact
+/// queries, 200 a second.
 fn hits_through(thickness: f64, speed: f64, braking: bool, proxy: bool) -> usize {
     let (probe, low) = ellipsoid();
     let plate = plate(thickness);
@@ -70,7 +71,7 @@ fn hits_through(thickness: f64, speed: f64, braking: bool, proxy: bool) -> usize
         let start = 0.15 * speed;
         let path = IntendedPath::function(move |time| {
             let gone = (time - late).max(0.0);
-            // Up to speed in 0.1 s, then 0.1 s to the touch.
+            // Acceleration for 0.1 s, then 0.1 s to the touch.
             let travel = speed * if gone < 0.1 { 5.0 * gone * gone } else { gone - 0.05 };
             let height = (start - travel).max(-0.005);
             let velocity = if height > -0.005 { -speed * (10.0 * gone).min(1.0) } else { 0.0 };
@@ -118,8 +119,8 @@ fn linear(keyframes: &[(f64, DVec3)]) -> MotionPath {
     MotionPath::new(keyframes, Interpolation::Linear).expect("a path")
 }
 
-/// Pressed far past a sheet, the object is held on its side with the force that the hand presses with, slides freely,
-/// and is free again beyond the edge, where it may go below.
+/// Pressed far beyond a sheet, the object is held on its side with the force of the hand, slides freely, and
+/// is free again beyond the edge, where it may go below.
 #[test]
 fn sheet_is_pressed_stroked_and_left_over_its_edge() {
     let (probe, low) = ellipsoid();
@@ -159,7 +160,8 @@ fn sheet_is_pressed_stroked_and_left_over_its_edge() {
     }
 }
 
-/// How far, m, the lower end of a blade comes below a sheet on to which it is pressed, 15 mm past its touch, and rocked.
+/// Returns the largest depth (m) of the lower end of a blade below a sheet, when it is pressed 15 mm beyond
+/// its touch and rocked.
 fn blade_below(proxy: bool, rocking: f64) -> f64 {
     let (length, thickness) = (0.06, 5e-4);
     let blade = block(DVec3::new(length, 0.02, thickness));
@@ -192,9 +194,10 @@ fn blade_is_not_rocked_through_a_sheet() {
     assert!(without > 0.01, "without a proxy an end comes {without} m below, and nothing is shown");
 }
 
-/// A body state that is not finite, and a sheet that the scene moves over the object, do not lose the proxy for good.
+/// A body state that is not finite, and a sheet that moves over the object, do not stop the proxy
+/// permanently.
 #[test]
-fn proxy_comes_back_after_nonsense_and_after_a_moving_scene() {
+fn proxy_recovers_from_invalid_states_and_a_moving_scene() {
     let (probe, low) = ellipsoid();
     let device = Emulation::default().open(IntendedPath::Still(Pose::IDENTITY)).expect("an emulation");
     let scene = Scene::new().with(plate(2e-4), Pose::IDENTITY);
@@ -225,11 +228,11 @@ fn proxy_comes_back_after_nonsense_and_after_a_moving_scene() {
     let again = step(&mut contact, -5e-3);
     assert!(pushed_up(&again, -5e-3) > 9.0, "held again by {} N", pushed_up(&again, -5e-3));
 
-    // The sheet jumps above the object: there is nothing that it is held back from.
+    // The sheet jumps above the object, which then has nothing to be held back from.
     assert!(contact.set_pose(SceneId(0), &Pose::from_translation(DVec3::Z * 0.1)));
     let free = step(&mut contact, -5e-3);
     assert!(free.model.is_empty(), "{} m deep", free.depth);
-    // Above where the sheet comes back to, it is held there.
+    // The object is above where the sheet comes back to, and is held there.
     step(&mut contact, 5e-3);
     assert!(contact.set_pose(SceneId(0), &Pose::IDENTITY));
     let deep = step(&mut contact, -5e-3);

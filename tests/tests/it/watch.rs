@@ -1,4 +1,4 @@
-//! What a watcher sees is what the hand feels, and a hand goes where it is steered to.
+//! A contact monitor shows the forces that the hand feels, and a hand follows its steering.
 
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
@@ -8,15 +8,15 @@ use palpate::settings::{ContactSearch, SearchSettings};
 use palpate::{ContactTiming, HapticRenderer, Pose, Scene, Settings, explore};
 use palpate_tests::model;
 
-/// A hand is steered down onto a golf ball, rests there, and is steered up again: seen are the patches that touch, pushes that
-/// add up to the contact force, and, away from it, nothing.
+/// A hand is steered down onto a golf ball, rests there, and is steered up again. The monitor shows the
+/// patches that touch, forces that add up to the contact force, and nothing away from the ball.
 #[test]
 fn pushes_are_those_that_are_felt() {
     watch_a_push(ContactSearch::Levels, 0.15);
     watch_a_push(ContactSearch::Representatives, 0.15);
 }
 
-/// A push by a hand that means to go down by a part of the probe's radius.
+/// Steers a hand down by a part of the probe's radius, and checks the monitored forces.
 fn watch_a_push(search: ContactSearch, down: f64) {
     let probe = model("ellipsoid@500");
     let scene = Scene::new().with(model("golf-ball@5000"), Pose::IDENTITY);
@@ -45,7 +45,7 @@ fn watch_a_push(search: ContactSearch, down: f64) {
             seen += usize::from(!sight.patches.is_empty());
             let difference = felt.distance(record.contact.force) / record.contact.force.length();
             assert!(felt.z > 0.2 && difference < 0.02, "{felt} seen, {} felt", record.contact.force);
-            // The ball is below: normals point out of the probe, down to it, and the pushes come up.
+            // The ball is below: normals point out of the probe, down to it, and the forces point up.
             let tolerance = 0.01 * probe.bounding_radius();
             for push in &sight.forces {
                 assert!((push.normal.length() - 1.0).abs() < 1e-9 && push.normal.z < 0.0, "{push:?}");
@@ -54,7 +54,7 @@ fn watch_a_push(search: ContactSearch, down: f64) {
                     let difference = push.force.distance(-penalty * push.normal);
                     assert!(difference < 1e-9 * push.force.length(), "{push:?}");
                 } else {
-                    // Planes share the stiffness, of all clusters.
+                    // Planes share the stiffness of all clusters.
                     let share = push.force.dot(-push.normal) / (settings.search.clusters as f64 * penalty);
                     assert!(share > 0.0 && share < 1.0 + 1e-9, "{push:?}");
                 }
@@ -77,9 +77,9 @@ fn watch_a_push(search: ContactSearch, down: f64) {
     assert!(rested > 190 && seen == rested, "{seen} of {rested}");
 }
 
-/// A hand with a task is not steered, and neither is another device.
+/// A hand with a task cannot be steered, and neither can another device.
 #[test]
-fn what_has_a_way_of_its_own_is_not_steered() {
+fn devices_with_a_motion_of_their_own_are_not_steered() {
     let probe = model("ellipsoid@500");
     let scene = Scene::new().with(model("golf-ball@1000"), Pose::IDENTITY);
     let opened = |address: &str| explore::open_steered_device(address, &probe, &scene, &Settings::default());

@@ -1,5 +1,6 @@
-//! Project tasks that run the engine: `cargo xtask pictures`, `cargo xtask stability`, `cargo xtask reproduce`, `cargo xtask trade`,
-//! `cargo xtask latency`, `cargo xtask harm`. They stand in a package of their own so that the other tasks start without it.
+//! Project tasks that run the engine: `cargo xtask pictures`, `cargo xtask stability`, `cargo xtask
+//! reproduce`, `cargo xtask trade`, `cargo xtask latency`, `cargo xtask harm`. They stand in a package of
+//! their own so that the other tasks start without it.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // Tasks report to a person at a terminal.
 

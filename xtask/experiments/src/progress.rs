@@ -3,8 +3,8 @@
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rayon::prelude::*;
 
-/// The result of each case, in the order of the cases, whatever the number of threads. Progress is shown on the standard
-/// error stream.
+/// The result of each case, in the order of the cases, whatever the number of threads. Progress is shown on
+/// the standard error stream.
 ///
 /// # Errors
 /// The first error in the order of the cases.

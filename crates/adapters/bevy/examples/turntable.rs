@@ -1,10 +1,12 @@
-//! A gear on a turntable is felt by an emulated hand that holds an ellipsoid against it. No window: it prints what is felt.
+//! Gear on a turntable, felt by an emulated hand that holds an ellipsoid against it. It opens no window, and
+//! prints the forces.
 //!
-//! In an application with one, the same plugins and components go beside Bevy's own plugins; what draws an entity is up to it.
+//! In an application with a window, the same plugins and components go beside Bevy's own plugins; how an
+//! entity is drawn is up to it.
 //!
 //! `cargo run --release -p palpate-bevy --example turntable`
 
-#![allow(clippy::print_stdout, reason = "it tells what is felt")]
+#![allow(clippy::print_stdout, reason = "it prints the forces")]
 
 use std::time::{Duration, Instant};
 
@@ -20,7 +22,7 @@ use palpate_bevy::{Felt, Grasped, HapticContacts, HapticPlugins, Haptics};
 
 const FRAME: Duration = Duration::from_millis(16);
 const SECONDS: f64 = 6.0;
-/// Of the turntable, rad/s.
+/// Angular velocity of the turntable, rad/s.
 const SPEED: f32 = 1.0;
 
 #[derive(Resource)]
@@ -35,8 +37,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let reach = probe.clod.vertices.iter().map(|vertex| vertex.x).fold(0.0, f64::max);
     // The hand comes from the side, and presses on the teeth.
     let path = IntendedPath::function(move |time| {
-        let way = 0.008 - 0.012 * (time / 2.0).clamp(0.0, 1.0);
-        (Pose::from_translation(DVec3::X * (rim + reach + way)), Twist::ZERO)
+        let gap = 0.008 - 0.012 * (time / 2.0).clamp(0.0, 1.0);
+        (Pose::from_translation(DVec3::X * (rim + reach + gap)), Twist::ZERO)
     });
     let device = Emulation::default().open(path)?;
     let session = HapticRenderer::builder(probe).on(Box::new(device))?.spawn()?;
@@ -45,7 +47,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .insert_resource(Haptics::new(session))
         .insert_resource(Shape(gear))
         .add_systems(Startup, set_up)
-        .add_systems(Update, (turn, tell))
+        .add_systems(Update, (turn, report))
         .run();
     Ok(())
 }
@@ -62,7 +64,7 @@ fn turn(mut turning: Query<&mut Transform, With<Turntable>>, mut begun: Local<Op
     }
 }
 
-fn tell(
+fn report(
     mut haptics: ResMut<Haptics>,
     contacts: Res<HapticContacts>,
     grasped: Query<&Transform, With<Grasped>>,

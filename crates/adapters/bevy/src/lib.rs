@@ -1,10 +1,12 @@
 //! Plugins for [Bevy](https://bevy.org): entities that are felt, and one that is in the hand.
 //!
-//! The haptic session runs in threads of its own and is never stepped by a schedule: [`HapticPlugins`] only tells it, once a frame, where
-//! felt entities are and how fast they move, and puts the grasped entity where the session's mailbox says that it is. What contacts push
-//! entities with comes as [`ContactImpulse`] messages, for those that have a [`Movable`], and where they push as [`HapticContacts`].
+//! The haptic session runs in threads of its own and is never stepped by a schedule. Once a frame,
+//! [`HapticPlugins`] sends it the poses and velocities of felt entities, and moves the grasped entity to the
+//! latest pose from the session's mailbox. Contact impulses on entities with a [`Movable`] arrive as
+//! [`ContactImpulse`] messages, and contact forces on the grasped object as [`HapticContacts`].
 //!
-//! Lengths are metres. Only Bevy's application, entities and transforms are used, in `f32`; the session itself is in `f64`.
+//! Lengths are metres. Only Bevy's application, entities and transforms are used, in `f32`; the session
+//! itself is in `f64`.
 //!
 //! ```no_run
 //! use bevy_app::App;
@@ -41,7 +43,7 @@ use bevy_transform::components::{GlobalTransform, Transform};
 use palpate::errors::EditError;
 use palpate::{ContactForce, DynamicBody, Object, Pose, RunningSession, SceneId, Twist, glam};
 
-/// Both plugins: [`GraspedPlugin`] and [`FeltPlugin`].
+/// Plugin group of [`GraspedPlugin`] and [`FeltPlugin`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct HapticPlugins;
 
@@ -51,7 +53,7 @@ impl PluginGroup for HapticPlugins {
     }
 }
 
-/// Puts [`Grasped`] entities where the session has the object in the hand, and tells contacts, before each update.
+/// Moves [`Grasped`] entities to the grasped object, and publishes contacts, before each update.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GraspedPlugin;
 
@@ -59,11 +61,11 @@ impl Plugin for GraspedPlugin {
     fn build(&self, app: &mut App) {
         app.init_resource::<HapticContacts>()
             .add_message::<ContactImpulse>()
-            .add_systems(PreUpdate, (place_grasped, tell_contacts).in_set(HapticSystems::Receive));
+            .add_systems(PreUpdate, (place_grasped, publish_contacts).in_set(HapticSystems::Receive));
     }
 }
 
-/// Tells the session of [`Felt`] entities, after transforms have been propagated.
+/// Sends [`Felt`] entities to the session, after transforms have been propagated.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FeltPlugin;
 
@@ -71,7 +73,7 @@ impl Plugin for FeltPlugin {
     fn build(&self, app: &mut App) {
         app.add_systems(
             PostUpdate,
-            (forget_session, forget_felt, add_felt, move_felt, tell_mobility)
+            (forget_session, forget_felt, add_felt, move_felt, send_dynamics)
                 .chain()
                 .in_set(HapticSystems::Send)
                 .after(TransformSystems::Propagate),
@@ -79,51 +81,52 @@ impl Plugin for FeltPlugin {
     }
 }
 
-/// When the session is heard and told.
+/// System sets of the exchange with the session.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum HapticSystems {
-    /// In `PreUpdate`: what the session says is put into the world.
+    /// In `PreUpdate`: state of the session is written to the world.
     Receive,
-    /// In `PostUpdate`, after transforms have been propagated: what the world says is told to the session.
+    /// In `PostUpdate`, after transforms have been propagated: changes of the world are sent to the session.
     Send,
 }
 
-/// The session. Without it the plugins do nothing; when it is removed the session ends.
+/// Running session. Without it the plugins do nothing; when it is removed the session ends.
 #[derive(Resource, Debug)]
 pub struct Haptics {
-    /// Never locked but by one system at a time.
+    /// Locked by at most one system at a time.
     session: Mutex<RunningSession>,
-    /// Which session it is.
+    /// Number that identifies the session.
     number: u64,
     entities: HashMap<SceneId, Entity>,
 }
 
 impl Haptics {
-    /// A session that runs, begun by [`HapticRenderer::spawn`](palpate::HapticRenderer::spawn).
+    /// Wraps a session started by [`HapticRenderer::spawn`](palpate::HapticRenderer::spawn).
     pub fn new(session: RunningSession) -> Self {
         static SESSIONS: AtomicU64 = AtomicU64::new(0);
         let number = SESSIONS.fetch_add(1, Ordering::Relaxed);
         Self { session: Mutex::new(session), number, entities: HashMap::new() }
     }
 
-    /// The session, as to change its settings or to see what its device is sent.
+    /// Returns the session, for example to change its settings or to read the wrench on its device.
     pub fn session(&mut self) -> &mut RunningSession {
         self.session.get_mut().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The entity of an object of the session's scene.
+    /// Returns the entity of an object of the session's scene.
     pub fn entity(&self, object: SceneId) -> Option<Entity> {
         self.entities.get(&object).copied()
     }
 }
 
-/// The entity that is in the hand: its transform is that of the grasped object's mesh, in the world. It should have no parent.
+/// Entity in the hand: its transform is that of the grasped object's mesh, in the world. It should have no
+/// parent.
 #[derive(Component, Clone, Copy, Debug, Default)]
 #[require(Transform)]
 pub struct Grasped;
 
-/// An entity that is felt where its transform puts it, with its scale if that is the same along all axes; others are taken for the
-/// largest.
+/// Entity that is felt where its transform puts it, with its scale. A scale that differs between axes counts
+/// as its largest component.
 #[derive(Component, Clone, Debug)]
 #[require(Transform)]
 pub struct Felt {
@@ -131,26 +134,26 @@ pub struct Felt {
 }
 
 impl Felt {
-    /// With the shape of an object, its mesh's frame being the entity's. What a hierarchy needs to be queried is prepared when the
-    /// entity is first seen; [`Object::shape`] does so before.
+    /// Returns the component for the shape of an object, whose mesh has the entity's frame. The hierarchy is
+    /// prepared for queries when the entity is first seen; [`Object::shape`] does so before.
     pub fn new(object: Object) -> Self {
         Self { object }
     }
 
-    /// The object.
+    /// Returns the object.
     pub fn object(&self) -> &Object {
         &self.object
     }
 }
 
-/// A felt entity that contacts push back, by [`ContactImpulse`]s, for whatever moves it.
+/// Felt entity that contacts push back, by [`ContactImpulse`]s, which the application applies.
 #[derive(Component, Clone, Copy, Debug)]
 pub struct Movable(pub DynamicBody);
 
-/// What contacts pushed a felt entity with since the last frame. Where several sessions' steps lie between, there are several.
+/// Contact impulse on a felt entity since the last frame. There may be several per frame.
 #[derive(Message, Clone, Copy, Debug, PartialEq)]
 pub struct ContactImpulse {
-    /// The entity.
+    /// Pushed entity.
     pub entity: Entity,
     /// Impulse, N·s, world axes.
     pub linear: DVec3,
@@ -158,19 +161,19 @@ pub struct ContactImpulse {
     pub angular: DVec3,
 }
 
-/// Where contacts push the grasped object, as of the latest contact step, for drawing.
+/// Contact forces on the grasped object in the latest contact step, for drawing.
 #[derive(Resource, Clone, Debug, Default)]
 pub struct HapticContacts {
     /// Points (m) and forces (N), world axes.
     pub forces: Vec<ContactForce>,
 }
 
-/// What the session knows of an entity.
+/// State of an entity as last sent to the session.
 #[derive(Component, Debug)]
-struct Told {
+struct Sent {
     id: SceneId,
     pose: Pose,
-    /// Of the transform.
+    /// Scale of the transform.
     scale: f64,
     moving: bool,
 }
@@ -185,7 +188,7 @@ fn place_grasped(haptics: Option<ResMut<Haptics>>, mut grasped: Query<&mut Trans
     }
 }
 
-fn tell_contacts(
+fn publish_contacts(
     haptics: Option<ResMut<Haptics>>,
     mut contacts: ResMut<HapticContacts>,
     mut impulses: MessageWriter<ContactImpulse>,
@@ -202,26 +205,26 @@ fn tell_contacts(
     }
 }
 
-/// A session that has just begun knows nothing of what another was told.
+/// Removes the state that was sent to another session, when a new one starts.
 fn forget_session(
     haptics: Option<Res<Haptics>>,
-    told: Query<Entity, With<Told>>,
+    sent: Query<Entity, With<Sent>>,
     mut known: Local<Option<u64>>,
     mut commands: Commands,
 ) {
     let Some(haptics) = haptics else { return };
     if known.replace(haptics.number) != Some(haptics.number) {
-        for entity in &told {
-            commands.entity(entity).remove::<Told>();
+        for entity in &sent {
+            commands.entity(entity).remove::<Sent>();
         }
     }
 }
 
-/// Takes out what is felt no longer, or is felt otherwise.
+/// Removes entities that are no longer felt, or have changed.
 fn forget_felt(
     haptics: Option<ResMut<Haptics>>,
     mut removed: RemovedComponents<Felt>,
-    changed: Query<Entity, (With<Told>, Changed<Felt>)>,
+    changed: Query<Entity, (With<Sent>, Changed<Felt>)>,
     mut leaving: Local<Vec<SceneId>>,
     mut commands: Commands,
 ) {
@@ -238,17 +241,17 @@ fn forget_felt(
             leaving.push(id);
         }
         if let Ok(mut entity) = commands.get_entity(entity) {
-            entity.try_remove::<Told>();
+            entity.try_remove::<Sent>();
         }
     }
-    // Where too many changes wait they leave in the next frame.
+    // Removals without room are repeated in the next frame.
     leaving.retain(|&id| haptics.session().scene.remove(id) == Err(EditError::Full));
 }
 
-/// Adds what is to be felt and is not yet.
+/// Adds entities that are to be felt.
 fn add_felt(
     haptics: Option<ResMut<Haptics>>,
-    new: Query<(Entity, &Felt, &GlobalTransform), Without<Told>>,
+    new: Query<(Entity, &Felt, &GlobalTransform), Without<Sent>>,
     mut commands: Commands,
 ) {
     let Some(mut haptics) = haptics else { return };
@@ -260,54 +263,54 @@ fn add_felt(
             continue;
         };
         haptics.entities.insert(id, entity);
-        commands.entity(entity).insert(Told { id, pose, scale, moving: false });
+        commands.entity(entity).insert(Sent { id, pose, scale, moving: false });
     }
 }
 
-/// Tells where what is felt is, and how fast it moved since the last frame.
+/// Sends poses of felt entities, and their velocities since the last frame.
 fn move_felt(
     haptics: Option<ResMut<Haptics>>,
-    mut felt: Query<(&Felt, &GlobalTransform, &mut Told)>,
+    mut felt: Query<(&Felt, &GlobalTransform, &mut Sent)>,
     mut last: Local<Option<Instant>>,
 ) {
     let now = Instant::now();
     let since = last.replace(now).map_or(0.0, |last| (now - last).as_secs_f64());
     let Some(mut haptics) = haptics else { return };
     let haptics = haptics.bypass_change_detection();
-    for (felt, transform, mut told) in &mut felt {
+    for (felt, transform, mut sent) in &mut felt {
         let (pose, scale) = placed(transform);
-        if (pose, scale) == (told.pose, told.scale) && !told.moving {
+        if (pose, scale) == (sent.pose, sent.scale) && !sent.moving {
             continue;
         }
         let scene = &mut haptics.session().scene;
-        let way = pose.translation - told.pose.translation;
-        let outcome = if scale != told.scale {
-            // An object that cannot be scaled so keeps its size.
+        let offset = pose.translation - sent.pose.translation;
+        let outcome = if scale != sent.scale {
+            // An object that cannot have this scale keeps its size.
             let object = felt.object.scaled(scale);
-            object.map_or(Ok(false), |object| scene.replace(told.id, &object, pose).map(|()| false))
-        } else if since == 0.0 || way.length() > felt.object.bounding_radius() * scale {
-            // It is elsewhere, and did not get there through what is between.
-            scene.set_pose(told.id, pose).map(|()| false)
+            object.map_or(Ok(false), |object| scene.replace(sent.id, &object, pose).map(|()| false))
+        } else if since == 0.0 || offset.length() > felt.object.bounding_radius() * scale {
+            // It was placed elsewhere, without passing through the space between.
+            scene.set_pose(sent.id, pose).map(|()| false)
         } else {
-            let angular = told.pose.rotation_vector_to(&pose) / since;
-            let twist = Twist { linear: way / since, angular };
-            // Told once more when it has come to rest.
-            scene.set_motion(told.id, pose, twist).map(|()| twist != Twist::ZERO)
+            let angular = sent.pose.rotation_vector_to(&pose) / since;
+            let twist = Twist { linear: offset / since, angular };
+            // Sent once more when it has come to rest.
+            scene.set_motion(sent.id, pose, twist).map(|()| twist != Twist::ZERO)
         };
         if let Ok(moving) = outcome {
-            *told = Told { pose, scale, moving, ..*told };
+            *sent = Sent { pose, scale, moving, ..*sent };
         }
     }
 }
 
-type NewlyMovable = Or<(Added<Told>, Changed<Movable>)>;
+type NewlyMovable = Or<(Added<Sent>, Changed<Movable>)>;
 
-/// Says what contacts push back.
-fn tell_mobility(
+/// Sends which entities contacts push back.
+fn send_dynamics(
     haptics: Option<ResMut<Haptics>>,
-    movable: Query<(&Told, &Movable), NewlyMovable>,
+    movable: Query<(&Sent, &Movable), NewlyMovable>,
     mut fixed: RemovedComponents<Movable>,
-    told: Query<&Told>,
+    sent: Query<&Sent>,
     mut late: Local<Vec<(SceneId, Option<DynamicBody>)>>,
 ) {
     let Some(mut haptics) = haptics else {
@@ -315,13 +318,13 @@ fn tell_mobility(
         return;
     };
     let scene = &mut haptics.bypass_change_detection().session().scene;
-    let now_fixed = fixed.read().filter_map(|entity| told.get(entity).ok()).map(|told| (told.id, None));
-    late.extend(movable.iter().map(|(told, movable)| (told.id, Some(movable.0))).chain(now_fixed));
-    // Where too many changes wait they are told in the next frame.
-    late.retain(|&(id, mobility)| scene.set_dynamics(id, mobility) == Err(EditError::Full));
+    let now_fixed = fixed.read().filter_map(|entity| sent.get(entity).ok()).map(|sent| (sent.id, None));
+    late.extend(movable.iter().map(|(sent, movable)| (sent.id, Some(movable.0))).chain(now_fixed));
+    // Changes without room are repeated in the next frame.
+    late.retain(|&(id, dynamics)| scene.set_dynamics(id, dynamics) == Err(EditError::Full));
 }
 
-/// The pose that a transform means, and its scale.
+/// Returns the pose and the scale of a transform.
 fn placed(transform: &GlobalTransform) -> (Pose, f64) {
     let (scale, rotation, translation) = transform.to_scale_rotation_translation();
     let [x, y, z] = translation.as_dvec3().to_array();

@@ -1,8 +1,10 @@
-//! A hand holds a spoon: it pushes a stack of boxes from the side, pushes a gear away, and levers up a bar that lies over the edge of a
-//! plinth. The spoon is palpate's; all that it touches are bodies of a rapier world.
+//! A hand holds a spoon: it pushes a stack of boxes from the side, pushes a gear away, and levers up a bar
+//! that lies over the edge of a plinth. The spoon is palpate's; all that it touches are bodies of a rapier
+//! world.
 //!
-//! `cargo run --release -p palpate-rapier --example stack_of_boxes`, with `-- FILE` or another model's name in place of the gear, and
-//! with `-- --realtime` in real time: the session then runs in threads of its own, and the world in the main thread.
+//! `cargo run --release -p palpate-rapier --example stack_of_boxes`, with `-- FILE` or another model's name
+//! in place of the gear, and with `-- --realtime` in real time: the session then runs in threads of its own,
+//! and the world in the main thread.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -19,26 +21,26 @@ use palpate::{
 use palpate_rapier::rapier3d::prelude::*;
 use palpate_rapier::{TouchedBodies, solid_collider};
 
-/// Of the haptic loop, the contact loop and the world, s.
+/// Period of the haptic loop, the contact loop and the world, s.
 const STEP: f64 = 1e-3;
 const SECONDS: f64 = 10.0;
 const GRAVITY: f64 = 9.81;
-/// Of aluminium, of which the boxes are, and of wood, of which the bar is, kg/m³; the mass of the mesh, kg.
+/// Densities of aluminium (boxes) and wood (bar), kg/m³; mass of the mesh, kg.
 const ALUMINIUM: f64 = 2700.0;
 const WOOD: f64 = 600.0;
 const MESH: f64 = 0.1;
-/// Side of a box; size of the bar; of the plinth on whose edge it lies, m.
+/// Side of a box; sizes of the bar and of the plinth that it lies on, m.
 const SIDE: f64 = 0.04;
 const BAR: DVec3 = DVec3::new(0.08, 0.04, 0.02);
 const PLINTH: DVec3 = DVec3::new(0.05, 0.06, 0.03);
-/// Where along y they stand, m.
+/// Positions along y, m.
 const STACK: f64 = -0.12;
 const MIDDLE: f64 = 0.0;
 const LEVER: f64 = 0.12;
-/// A world that is later than this does not try to catch up.
-const MOST_LATE: Duration = Duration::from_millis(20);
-/// Colliders are of the finest level that has no more hulls.
-const HULLS: usize = 400;
+/// Delay from which the world no longer catches up.
+const MAX_DELAY: Duration = Duration::from_millis(20);
+/// Largest number of hulls of a collider; the finest level within it is used.
+const MAX_HULLS: usize = 400;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -62,7 +64,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     if realtime { in_real_time(renderer, table) } else { in_lockstep(renderer, table, &spoon) }
 }
 
-/// Both loops, the device and the world in this thread: the same each time.
+/// Runs both loops, the device and the world in this thread, reproducibly.
 fn in_lockstep(mut renderer: HapticRenderer, mut table: Table, spoon: &Object) -> Result<(), Box<dyn Error>> {
     let (mut scene, mut reactions) = (renderer.scene_editor(), renderer.reactions());
     let mass = renderer.settings().tool.mass;
@@ -96,7 +98,7 @@ fn in_lockstep(mut renderer: HapticRenderer, mut table: Table, spoon: &Object) -
     write_rows(&rows)
 }
 
-/// The session in threads of its own, and the world 1000 times a second here.
+/// Runs the session in threads of its own, and the world 1000 times a second here.
 fn in_real_time(renderer: HapticRenderer, mut table: Table) -> Result<(), Box<dyn Error>> {
     let mut session = renderer.spawn()?;
     let mut touched = table.touch(&mut session.scene)?;
@@ -106,9 +108,9 @@ fn in_real_time(renderer: HapticRenderer, mut table: Table) -> Result<(), Box<dy
         step += 1;
         let due = began + Duration::from_secs_f64(f64::from(step) * STEP);
         std::thread::sleep(due.saturating_duration_since(Instant::now()));
-        // What cannot be made up for is let go: the world's clock then falls behind.
+        // Time that cannot be caught up is dropped: the world's clock then falls behind.
         let late = Instant::now().saturating_duration_since(due);
-        if late > MOST_LATE {
+        if late > MAX_DELAY {
             began += late;
             lost += late;
         }
@@ -125,7 +127,7 @@ fn in_real_time(renderer: HapticRenderer, mut table: Table) -> Result<(), Box<dy
     Ok(())
 }
 
-/// The world, and what stands on the table.
+/// World, and the bodies on the table.
 struct Table {
     world: PhysicsWorld,
     things: Vec<Thing>,
@@ -167,7 +169,7 @@ impl Table {
         Ok(table)
     }
 
-    /// Puts an object of a mass (kg) somewhere.
+    /// Places an object with a mass (kg).
     fn put(
         &mut self,
         name: &str,
@@ -177,7 +179,8 @@ impl Table {
         mass: f64,
     ) -> Result<(), Box<dyn Error>> {
         let levels = object.clod.levels.len();
-        let level = (0..levels).find(|level| object.clod.level(*level).len() <= HULLS).unwrap_or(levels - 1);
+        let level =
+            (0..levels).find(|level| object.clod.level(*level).len() <= MAX_HULLS).unwrap_or(levels - 1);
         let first = Vector::new(at.x as f32, at.y as f32, at.z as f32);
         let collider = solid_collider(&object, level, mass)?;
         let (body, _) = self.world.insert(body.translation(first), collider);
@@ -185,7 +188,7 @@ impl Table {
         Ok(())
     }
 
-    /// Lets a session touch everything.
+    /// Lets a session touch all bodies.
     fn touch(&self, scene: &mut SceneEditor) -> Result<TouchedBodies, Box<dyn Error>> {
         let mut touched = TouchedBodies::new(STEP);
         for Thing { body, object, .. } in &self.things {
@@ -194,7 +197,8 @@ impl Table {
         Ok(touched)
     }
 
-    /// A step of the world; the momentum that its bodies were given by the spoon, and the angular momentum about the world's origin.
+    /// Steps the world; returns the momentum that the spoon gave its bodies, and the angular momentum about
+    /// the world's origin.
     fn step(
         &mut self,
         touched: &mut TouchedBodies,
@@ -222,7 +226,7 @@ impl Table {
         })
     }
 
-    /// Kinetic energy and that of height, J.
+    /// Returns the sum of kinetic and potential energy, J.
     fn energy(&self) -> f64 {
         let of = |body: &RigidBody| {
             let height = f64::from(body.center_of_mass().z);
@@ -231,16 +235,17 @@ impl Table {
         self.dynamic().map(of).sum()
     }
 
-    /// A line: the time, the force at the hand, and what has moved by more than half a millimetre, and how far.
+    /// Prints the time, the force at the hand, and all that has moved by more than half a millimetre.
     fn show(&self, record: &Record) -> std::io::Result<()> {
         let mut moved = String::new();
         for Thing { name, body, first, .. } in &self.things {
             let body = &self.world.bodies[*body];
-            let way = (vector(body.translation()) - vector(*first)) * 1e3;
+            let offset = (vector(body.translation()) - vector(*first)) * 1e3;
             let turn = body.rotation().to_scaled_axis().length();
-            if way.length() > 0.5 || turn > 0.02 {
+            if offset.length() > 0.5 || turn > 0.02 {
                 let turn = turn.to_degrees();
-                let _ = write!(moved, "  {name} ({:.0} {:.0} {:.0}) mm {turn:.0}°", way.x, way.y, way.z);
+                let _ =
+                    write!(moved, "  {name} ({:.0} {:.0} {:.0}) mm {turn:.0}°", offset.x, offset.y, offset.z);
             }
         }
         let DVec3 { x, y, z } = record.coupling.force;
@@ -280,14 +285,15 @@ impl Table {
     }
 }
 
-/// What the hand, the spoon and the bodies have given each other.
+/// Balance of momentum and energy between hand, spoon and bodies.
 struct Account {
-    /// By the spoon's contact wrenches, of which those with fixed bodies are taken by none, and as the bodies took it: N·s, and N·m·s about the world's origin.
+    /// Impulses (N·s) and angular impulses (N·m·s, about the world's origin) of the spoon's contact wrenches
+    /// on dynamic bodies, and as the bodies received them.
     given: (DVec3, DVec3),
     taken: (DVec3, DVec3),
-    /// Of the hand, J, and at most.
+    /// Work of the hand now and at most, J.
     work: f64,
-    /// Of bodies and spoon, J: at first, now, and the most by which it was above what the hand had put in.
+    /// Energy of bodies and spoon, J: at first, now, and its largest excess over the hand's work.
     first: f64,
     energy: f64,
     excess: f64,
@@ -311,10 +317,10 @@ impl Account {
         let contact = record.contact;
         self.taken = (self.taken.0 + linear, self.taken.1 + angular);
         if let Some(before) = before {
-            // What the hand does against the wrench that it feels.
-            let way = record.handle.translation - before.handle.translation;
+            // Work against the wrench that the hand feels.
+            let offset = record.handle.translation - before.handle.translation;
             let turn = before.handle.rotation_vector_to(&record.handle);
-            self.work -= before.coupling.force.dot(way) + before.coupling.torque.dot(turn);
+            self.work -= before.coupling.force.dot(offset) + before.coupling.torque.dot(turn);
         }
         self.given.0 -= contact.force * STEP;
         self.given.1 -= (contact.torque + center.cross(contact.force)) * STEP;
@@ -335,7 +341,7 @@ impl Account {
     }
 }
 
-/// Where the hand means the spoon to be, and how fast: its bowl points along -x.
+/// Returns the intended pose and twist of the spoon: its bowl points along -x.
 fn intended(time: f64) -> (Pose, Twist) {
     let pose = |time: f64| {
         let go = |from: f64, to: f64| smooth((time - from) / (to - from));
@@ -357,13 +363,13 @@ fn intended(time: f64) -> (Pose, Twist) {
     (pose(time), Twist::new(linear, before.rotation_vector_to(&after) * rate))
 }
 
-/// From 0 at 0 to 1 at 1, with no slope at either.
+/// Returns a smooth step from 0 at 0 to 1 at 1, with zero slope at both.
 fn smooth(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
 
-/// A box about its frame's origin.
+/// Returns a box about its frame's origin.
 fn cuboid(name: &str, size: DVec3) -> Result<Object, Box<dyn Error>> {
     let sign = |bit: usize| if bit == 0 { -0.5 } else { 0.5 };
     let vertices = (0..8).map(|i| size * DVec3::new(sign(i & 1), sign(i >> 1 & 1), sign(i >> 2))).collect();
@@ -372,7 +378,7 @@ fn cuboid(name: &str, size: DVec3) -> Result<Object, Box<dyn Error>> {
     Ok(Object::from_mesh(name, &TriMesh::new(vertices, triangles)?)?)
 }
 
-/// Vertices of an object's surface, m.
+/// Returns the vertices of an object's surface, m.
 fn surface(object: &Object) -> impl Iterator<Item = DVec3> {
     object.clod.leaves().iter().flat_map(|leaf| object.clod.hull(leaf)).copied()
 }

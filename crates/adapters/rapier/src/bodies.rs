@@ -1,22 +1,22 @@
-//! The bodies of a world that a session touches: motion one way, impulses the other.
+//! Bodies of a world that a session touches: motion in one direction, impulses in the other.
 
 use palpate::errors::EditError;
 use palpate::{DynamicBody, Object, Pose, Reaction, Reactions, SceneEditor, SceneId, Twist};
 use rapier3d::dynamics::{RigidBody, RigidBodyHandle, RigidBodySet};
 
 use crate::convert::{pose, to_vector, vector};
-use crate::mobility::mobility;
+use crate::dynamic_body::dynamic_body;
 
-/// Why a body cannot be touched, or the session was not told of it.
+/// Reason why a body cannot be touched, or an update did not reach the session.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum TouchError {
     /// The world has no such body.
     #[error("the world has no body {0:?}")]
     NoBody(RigidBodyHandle),
-    /// It was added before.
+    /// The body was added before.
     #[error("body {0:?} is touched already; to touch it as another object, remove it first")]
     Already(RigidBodyHandle),
-    /// It was not added, or removed since.
+    /// The body was not added, or has been removed.
     #[error("body {0:?} is not touched; add it first")]
     NotTouched(RigidBodyHandle),
     /// A dynamic body has no mass.
@@ -24,29 +24,30 @@ pub enum TouchError {
         "body {0:?} is dynamic and has no mass; give it a collider that has, or, if its mass is its own, step the world once"
     )]
     NoMass(RigidBodyHandle),
-    /// The session did not take a change.
+    /// The session refused a change.
     #[error("body {body:?}: {source}")]
     Edit {
         /// The body.
         body: RigidBodyHandle,
-        /// Why.
+        /// Error of the session.
         source: EditError,
     },
 }
 
-/// Bodies of a rapier world as objects of a session's scene. The frame of an object's mesh is that of its body.
+/// Bodies of a rapier world as objects of a session's scene. The frame of an object's mesh is that of its
+/// body.
 ///
-/// Each session that touches a world has one of these.
+/// Each session that touches a world has its own instance.
 #[derive(Debug)]
 pub struct TouchedBodies {
-    /// Between two steps of the world, s.
+    /// Period of the world's steps, s.
     period: f64,
     bodies: Vec<Touched>,
-    /// Where telling goes on: those before could be told when the session took no more.
+    /// Index of the first body to update next: the session had room for those before it.
     next: usize,
 }
 
-/// A body that is touched, and what the session was last told of it.
+/// Touched body, and its state as last sent to the session.
 #[derive(Debug)]
 struct Touched {
     body: RigidBodyHandle,
@@ -55,22 +56,22 @@ struct Touched {
     radius: f64,
     pose: Pose,
     twist: Twist,
-    mobility: Option<DynamicBody>,
+    dynamic_body: Option<DynamicBody>,
 }
 
 impl TouchedBodies {
-    /// None yet, of a world that is stepped every `period` (s): `IntegrationParameters::dt`, where the world keeps pace with the
-    /// clock.
+    /// Returns an empty set for a world that is stepped every `period` (s): `IntegrationParameters::dt` if
+    /// the world keeps pace with the clock.
     pub fn new(period: f64) -> Self {
         Self { period, bodies: Vec::new(), next: 0 }
     }
 
-    /// Lets a body be touched, as an object whose mesh has the body's frame: felt from the session's next contact step on, and pushed back if
-    /// it is dynamic. Which shape rapier has for it does not matter here.
+    /// Adds a body as an object whose mesh has the body's frame. It is felt from the session's next contact
+    /// step on, and pushed back if it is dynamic. Its shape in rapier does not matter here.
     ///
     /// # Errors
-    /// If there is no such body, it is touched already, it is dynamic without mass, or the session does not take it
-    /// ([`EditError`]); among these a period that is not above 0.
+    /// If there is no such body, it was added before, it is dynamic without mass, or the session refuses it
+    /// ([`EditError`]), for example for a period that is not above 0.
     pub fn add(
         &mut self,
         scene: &mut SceneEditor,
@@ -83,15 +84,15 @@ impl TouchedBodies {
         }
         let found = bodies.get(body).ok_or(TouchError::NoBody(body))?;
         let radius = object.clod.source.center.length() + object.bounding_radius();
-        if found.is_dynamic() && mobility(found, radius, self.period).is_none() {
+        if found.is_dynamic() && dynamic_body(found, radius, self.period).is_none() {
             return Err(TouchError::NoMass(body));
         }
         let refused = |source| TouchError::Edit { body, source };
         let pose = pose(found.position());
         let id = scene.add(object, pose).map_err(refused)?;
-        let mut touched = Touched { body, object: id, radius, pose, twist: Twist::ZERO, mobility: None };
-        match touched.tell_mobility(scene, found, self.period) {
-            // That is told as soon as there is room.
+        let mut touched = Touched { body, object: id, radius, pose, twist: Twist::ZERO, dynamic_body: None };
+        match touched.send_dynamics(scene, found, self.period) {
+            // The update is repeated as soon as there is room.
             Ok(()) | Err(EditError::Full) => self.bodies.push(touched),
             Err(source) => {
                 scene.remove(id).map_err(refused)?;
@@ -101,10 +102,11 @@ impl TouchedBodies {
         Ok(id)
     }
 
-    /// Lets a body be touched no more. What contacts have pushed it with by then is not lost if [`before_step`](Self::before_step) is
-    /// called first.
+    /// Removes a body. Impulses on it so far are not lost if [`before_step`](Self::before_step) is called
+    /// first.
     ///
     /// # Errors
+    /// If it was not added, or too many changes are pending.
     /// If it is not touched, or too many changes wait.
     pub fn remove(&mut self, scene: &mut SceneEditor, body: RigidBodyHandle) -> Result<(), TouchError> {
         let place = self.bodies.iter().position(|touched| touched.body == body);
@@ -114,36 +116,37 @@ impl TouchedBodies {
         Ok(())
     }
 
-    /// The number that a body has in the session's scene.
+    /// Returns the body's id in the session's scene.
     pub fn scene_id(&self, body: RigidBodyHandle) -> Option<SceneId> {
         self.bodies.iter().find(|touched| touched.body == body).map(|touched| touched.object)
     }
 
-    /// The body that an object of the session's scene is.
+    /// Returns the body of an object of the session's scene.
     pub fn body(&self, object: SceneId) -> Option<RigidBodyHandle> {
         self.bodies.iter().find(|touched| touched.object == object).map(|touched| touched.body)
     }
 
-    /// How many bodies are touched.
+    /// Returns the number of bodies.
     pub fn len(&self) -> usize {
         self.bodies.len()
     }
 
-    /// Whether none is.
+    /// Returns whether there are no bodies.
     pub fn is_empty(&self) -> bool {
         self.bodies.is_empty()
     }
 
-    /// Gives the bodies the impulses that contacts have pushed them with since the last time, and wakes those: to be called before
-    /// each step of the world. Reactions of objects that are no bodies are passed over; a host that has such takes
-    /// the reactions itself, and gives the others to [`apply`](Self::apply).
+    /// Applies the contact impulses since the last call to the bodies, and wakes these: to be called before
+    /// each step of the world. Reactions of objects that are not bodies are discarded; a host that has such
+    /// objects takes the reactions itself, and passes the others to [`apply`](Self::apply).
     pub fn before_step(&self, reactions: &mut Reactions, bodies: &mut RigidBodySet) {
         while let Some(reaction) = reactions.take() {
             self.apply(&reaction, bodies);
         }
     }
 
-    /// Gives a body the impulse of a reaction, and wakes it; `false` if its object is no body that is touched and dynamic.
+    /// Applies the impulse of a reaction to its body, and wakes it; returns `false` if its object is not a
+    /// dynamic body of this set.
     pub fn apply(&self, reaction: &Reaction, bodies: &mut RigidBodySet) -> bool {
         let body = self.body(reaction.object).and_then(|body| bodies.get_mut(body));
         let Some(body) = body.filter(|body| body.is_dynamic()) else { return false };
@@ -153,13 +156,15 @@ impl TouchedBodies {
         true
     }
 
-    /// Tells the session where the bodies are and how fast they move: to be called after each step of the world. Nothing is told of
-    /// bodies that are where they were and at rest, as those that sleep are. Bodies that the world has no more are removed, and a
-    /// change of a body's mass or type is told.
+    /// Sends poses and velocities of the bodies to the session: to be called after each step of the world.
+    /// Bodies that are unchanged and at rest, such as sleeping ones, are skipped. Bodies that the world no
+    /// longer has are removed, and changes of a body's mass or type are sent.
     ///
     /// # Errors
-    /// The first thing that the session did not take. Where too many changes wait, those that were not told come first
-    /// the next time; where a body's pose or velocity is not finite, its object stays where it was. The others are told.
+    /// The first update that the session refused; the others are sent. If too many changes are pending, the
+    /// updates that were not sent come first in the next call. An object whose body has a pose or velocity
+    /// that is not finite stays where it was. the next time; where a body's pose or velocity is not finite,
+    /// its object stays where it was. The others are sent.
     pub fn after_step(&mut self, scene: &mut SceneEditor, bodies: &RigidBodySet) -> Result<(), TouchError> {
         let mut result = Ok(());
         let mut gone = false;
@@ -169,14 +174,14 @@ impl TouchedBodies {
         for turn in 0..count {
             let place = (first + turn) % count;
             let touched = &mut self.bodies[place];
-            let told = match bodies.get(touched.body) {
-                Some(body) => touched.tell(scene, body, self.period),
+            let sent = match bodies.get(touched.body) {
+                Some(body) => touched.send(scene, body, self.period),
                 None => remove(scene, touched.object).inspect(|()| {
                     gone = true;
                     touched.body = RigidBodyHandle::invalid();
                 }),
             };
-            if let Err(source) = told {
+            if let Err(source) = sent {
                 result = result.and(Err(TouchError::Edit { body: touched.body, source }));
                 if source == EditError::Full {
                     self.next = place;
@@ -193,7 +198,7 @@ impl TouchedBodies {
     }
 }
 
-/// Removes an object that somebody else may have removed before.
+/// Removes an object that may have been removed before by others.
 fn remove(scene: &mut SceneEditor, object: SceneId) -> Result<(), EditError> {
     match scene.remove(object) {
         Err(EditError::Unknown(_)) => Ok(()),
@@ -202,21 +207,21 @@ fn remove(scene: &mut SceneEditor, object: SceneId) -> Result<(), EditError> {
 }
 
 impl Touched {
-    /// Whether its body is no more, and the session knows.
+    /// Returns whether its body is gone and the session has removed it.
     fn is_gone(&self) -> bool {
         self.body == RigidBodyHandle::invalid()
     }
 
-    /// Tells what has changed.
-    fn tell(&mut self, scene: &mut SceneEditor, body: &RigidBody, period: f64) -> Result<(), EditError> {
-        self.tell_mobility(scene, body, period)?;
+    /// Sends what has changed.
+    fn send(&mut self, scene: &mut SceneEditor, body: &RigidBody, period: f64) -> Result<(), EditError> {
+        self.send_dynamics(scene, body, period)?;
         let pose = pose(body.position());
         let twist = twist(body, &pose);
         if (pose, twist) == (self.pose, self.twist) && twist == Twist::ZERO {
             return Ok(());
         }
         if body.is_fixed() {
-            // It moves by being put elsewhere alone.
+            // A fixed body moves only by being placed elsewhere.
             scene.set_pose(self.object, pose)?;
         } else {
             scene.set_motion(self.object, pose, twist)?;
@@ -225,28 +230,30 @@ impl Touched {
         Ok(())
     }
 
-    /// Tells how the body is moved by what touches it, where that has changed.
-    fn tell_mobility(
+    /// Sends the response of the body to contacts, if it has changed.
+    fn send_dynamics(
         &mut self,
         scene: &mut SceneEditor,
         body: &RigidBody,
         period: f64,
     ) -> Result<(), EditError> {
-        let mobility = if body.is_dynamic() { mobility(body, self.radius, period) } else { None };
-        if mobility != self.mobility {
-            scene.set_dynamics(self.object, mobility)?;
-            self.mobility = mobility;
+        let dynamic_body = if body.is_dynamic() { dynamic_body(body, self.radius, period) } else { None };
+        if dynamic_body != self.dynamic_body {
+            scene.set_dynamics(self.object, dynamic_body)?;
+            self.dynamic_body = dynamic_body;
         }
         Ok(())
     }
 }
 
-/// Where the centre of mass is in the world, m; rapier's own is that of the last step, whatever the pose was set to since.
+/// Returns the centre of mass in the world, m. Rapier's own value is that of the last step, even if the pose
+/// was set since.
 fn center_of_mass(body: &RigidBody) -> palpate::glam::DVec3 {
     pose(body.position()).transform_point(vector(body.local_center_of_mass()))
 }
 
-/// The velocity of the origin of a body's frame, which is at a pose, and its angular velocity; rapier's is that of the centre of mass.
+/// Returns the velocity of the origin of a body's frame and its angular velocity. Rapier's linear velocity is
+/// that of the centre of mass.
 fn twist(body: &RigidBody, pose: &Pose) -> Twist {
     let angular = vector(body.angvel());
     let arm = pose.translation - center_of_mass(body);
@@ -259,9 +266,9 @@ mod tests {
 
     use super::*;
 
-    /// A body that turns about a centre of mass that is not its origin: the origin goes where its velocity says.
+    /// A body turns about a centre of mass that is not its origin: the origin moves by the computed velocity.
     #[test]
-    fn the_velocity_told_is_that_of_the_origin() {
+    fn the_velocity_sent_is_that_of_the_origin() {
         let mut world = PhysicsWorld { gravity: Vector::ZERO, ..PhysicsWorld::default() };
         world.integration_parameters.dt = 1e-3;
         let properties = MassProperties::new(Vector::new(0.1, -0.05, 0.02), 1.0, Vector::splat(1e-2));
@@ -285,7 +292,7 @@ mod tests {
             let (after, now) = of(&world);
             let went = (after.translation - before.translation) / 1e-3;
             let mean = (then.linear + now.linear) * 0.5;
-            // Positions of f32 are 3e-8 m apart.
+            // Positions in f32 are 3e-8 m apart.
             assert!((went - mean).length() < 2e-4, "{went} and {mean} m/s");
             assert!(mean.length() > 0.1, "{mean} m/s");
         }

@@ -1,7 +1,7 @@
-//! rapier's colliders of palpate's objects.
+//! Rapier colliders of palpate objects.
 //!
-//! What the hand feels is palpate's mesh; what bodies feel of each other is their colliders. They need not be the same, and coarser
-//! colliders are faster: a level of the object's hierarchy is chosen.
+//! The hand feels palpate's mesh; bodies feel one another's colliders. The two may differ, and coarser
+//! colliders are faster: a level of the object's hierarchy is selected.
 
 use std::collections::HashMap;
 
@@ -15,73 +15,75 @@ use rapier3d::math;
 
 use crate::convert::to_vector;
 
-/// Difference of a box's volume from that of its bounding box, as part of it, that is rounding.
+/// Relative difference of a box's volume from that of its bounding box that counts as rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Thickness of what stands for a flat patch, in bounding radii.
+/// Thickness of the hull of a flat patch, in bounding radii.
 const THICKNESS: f64 = 1e-3;
 
-/// Why an object has no collider.
+/// Reason why an object has no collider.
 #[derive(Debug, thiserror::Error)]
 pub enum ColliderError {
-    /// It has no inside.
+    /// The mesh is not closed.
     #[error(
-        "{name} is not closed, so it is no solid; give it a fixed body and surface_collider, or repair the mesh"
+        "{name} is not closed, so it is not a solid; give it a fixed body and surface_collider, or repair the mesh"
     )]
     NotSolid {
-        /// The object.
+        /// Name of the object.
         name: String,
     },
-    /// A mass is none.
+    /// The mass is invalid.
     #[error("{name}: a mass of {mass} kg; give one above 0")]
     Mass {
-        /// The object.
+        /// Name of the object.
         name: String,
-        /// What was given, kg.
+        /// Given mass, kg.
         mass: f64,
     },
     /// The hierarchy has no such level.
-    #[error("{name} has levels 0 to {last}, and none {level}")]
+    #[error("{name} has levels 0 to {last}, but no level {level}")]
     Level {
-        /// The object.
+        /// Name of the object.
         name: String,
-        /// What was asked for.
+        /// Requested level.
         level: usize,
-        /// Its coarsest.
+        /// Coarsest level.
         last: usize,
     },
-    /// It has no convex part with a volume that f32 can hold.
+    /// No convex part has a volume that f32 can represent.
     #[error(
         "{name}: no part of level {level} has a volume in f32; choose a finer level, or another unit of length"
     )]
     NoParts {
-        /// The object.
+        /// Name of the object.
         name: String,
-        /// What was asked for.
+        /// Requested level.
         level: usize,
     },
-    /// rapier refused its triangles.
+    /// Rapier refused the triangles.
     #[error("{name}: {source}")]
     Triangles {
-        /// The object.
+        /// Name of the object.
         name: String,
-        /// Why.
+        /// Error of rapier.
         source: TriMeshBuilderError,
     },
 }
 
-/// A collider for a body of any type, in the frame of the object's mesh, with a mass (kg) that is spread evenly in the mesh.
+/// Returns a collider for a body of any type, in the frame of the object's mesh, with a mass (kg) that is
+/// distributed evenly in the mesh.
 ///
-/// It is made of the convex hulls of a level of the object's hierarchy, 0 being the finest, where they follow the surface and may be many
-/// (`object.clod.level(n).len()` of them), and the last one, where they are a few or one, the coarsest. A box along the mesh's
-/// axes is one exactly.
+/// It consists of the convex hulls of a level of the object's hierarchy, from 0, the finest, where they
+/// follow the surface and may be many (`object.clod.level(n).len()`), to the last, the coarsest, where there
+/// are few or one. A box along the mesh's axes is exactly one.
 ///
-/// The hulls of fine levels are those of pieces of the surface, and leave the inside of a body that is not convex empty: a flat piece is a
-/// thousandth of the object's radius thick, and what is pressed on many such pieces sinks in by some of that, or more. Where bodies
-/// weigh on each other, coarser levels hold better.
+/// The hulls of fine levels are those of pieces of the surface, and leave the inside of a non-convex body
+/// empty. A flat piece is a thousandth of the object's radius thick, and a body pressed on many such pieces
+/// sinks in by about that, or more. Coarser levels support heavy bodies better.
 ///
 /// # Errors
-/// If the mesh is not closed, the mass is not above 0 and finite, there is no such level, or none of its hulls has a volume.
+/// If the mesh is not closed, the mass is not above 0 and finite, there is no such level, or none of its
+/// hulls has a volume.
 pub fn solid_collider(object: &Object, level: usize, mass: f64) -> Result<ColliderBuilder, ColliderError> {
     let clod = &*object.clod;
     let name = || object.name.clone();
@@ -120,8 +122,8 @@ pub fn solid_collider(object: &Object, level: usize, mass: f64) -> Result<Collid
     Ok(ColliderBuilder::compound(parts).mass_properties(properties))
 }
 
-/// A collider for a fixed or kinematic body, in the frame of the object's mesh: its triangles at full resolution. It has no inside, and
-/// no mass.
+/// Returns a collider for a fixed or kinematic body, in the frame of the object's mesh: its triangles at full
+/// resolution. It has no inside, and no mass.
 ///
 /// # Errors
 /// If there is no triangle.
@@ -141,14 +143,14 @@ pub fn surface_collider(object: &Object) -> Result<ColliderBuilder, ColliderErro
             }));
         }
     }
-    // What rounding has made to a line or a point is left out.
+    // Triangles that rounding has collapsed are left out.
     triangles.retain(|[a, b, c]| a != b && b != c && c != a);
     let builder = ColliderBuilder::trimesh(vertices, triangles)
         .map_err(|source| ColliderError::Triangles { name: object.name.clone(), source })?;
     Ok(builder.density(0.0))
 }
 
-/// The middle and half the size of an object that is a box along the mesh's axes, m.
+/// Returns the middle and half the size of an object that is a box along the mesh's axes, m.
 fn exact_box(clod: &Clod) -> Option<(DVec3, DVec3)> {
     let corners = clod.leaves().iter().flat_map(|leaf| clod.hull(leaf));
     let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), corner| {
@@ -156,13 +158,13 @@ fn exact_box(clod: &Clod) -> Option<(DVec3, DVec3)> {
     });
     let size = high - low;
     let volume = size.element_product();
-    // A solid as large as its bounding box fills it.
+    // A solid with the volume of its bounding box fills it.
     ((clod.source.volume - volume).abs() <= ROUNDING * volume).then(|| ((low + high) * 0.5, size * 0.5))
 }
 
-/// The convex hull of a node; of a flat patch, with some depth behind it.
+/// Returns the convex hull of a node; for a flat patch, with some thickness behind it.
 fn hull(clod: &Clod, node: &Node) -> Option<SharedShape> {
-    // With what the finer levels' hulls have beyond its own.
+    // Includes the points of finer levels' hulls outside its own.
     let points = clod.bounding_hull(node);
     let depth = THICKNESS * clod.source.bounding_radius;
     let corners = clod.hull(node);

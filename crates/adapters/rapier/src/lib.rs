@@ -1,31 +1,34 @@
-//! Rigid bodies of a [rapier] world, touched with [`palpate`]: the object in the hand pushes and levers them, and the hand feels their weight,
-//! their inertia and what they lean on.
+//! Rigid bodies of a [rapier] world, touched with [`palpate`]: the object in the hand pushes and levers them,
+//! and the hand feels their weight, their inertia and what they lean on.
 //!
-//! The object in the hand is palpate's: it is simulated in the haptic loop, coupled to the device, and is not in the rapier world. What
-//! it touches is rapier's: dynamic bodies are pushed, kinematic and fixed ones only felt. [`TouchedBodies`] carries motion one way and
-//! impulses the other, around each step of the world, and owns neither:
+//! The object in the hand belongs to palpate: it is simulated in the haptic loop, coupled to the device, and
+//! is not in the rapier world. The bodies that it touches belong to rapier: dynamic bodies are pushed,
+//! kinematic and fixed ones only felt. [`TouchedBodies`] transfers motion in one direction and impulses in
+//! the other, around each step of the world, and owns neither:
 //!
 //! ```text
-//! touched.before_step(&mut reactions, &mut bodies);   // what contacts pushed, as impulses on the bodies
+//! touched.before_step(&mut reactions, &mut bodies);   // contact impulses to the bodies
 //! world.step();
-//! touched.after_step(&mut scene, &bodies)?;           // where the bodies are, and how fast, to the contact loop
+//! touched.after_step(&mut scene, &bodies)?;           // poses and velocities to the contact loop
 //! ```
 //!
-//! Any kind of session will do: one that [runs in threads of its own](palpate::HapticRenderer::spawn), one whose haptic step
-//! [the host makes](palpate::HostedSession), or one whose [two loops](palpate::HapticRenderer::into_loops) it runs. Momentum is
-//! conserved: what a body gains is what the haptic steps' contact wrenches gave, to the rounding of rapier's `f32`, however late it is taken.
+//! Any kind of session will do: one that [runs in threads of its own](palpate::HapticRenderer::spawn), one
+//! whose haptic step [the host makes](palpate::HostedSession), or one whose [two
+//! loops](palpate::HapticRenderer::into_loops) it runs. Momentum is conserved: a body gains exactly the
+//! impulse of the haptic steps' contact wrenches, up to the rounding of rapier's `f32`, however late it is
+//! applied.
 //!
-//! # How hard contacts are
+//! # Contact stiffness
 //!
-//! Contacts are as stiff as is stable with a body of its mass, whose world answers a step late
-//! ([`DynamicBody`](palpate::DynamicBody)): a world that is stepped at 500 Hz to 1 kHz makes light bodies feel crisp, one at 60 Hz makes them feel soft.
-//! Under its own weight, a body that lies on what a hand holds sinks in by g (T / 0.25)² to three times as much, whatever its mass, with T
-//! two steps of the world and one interval between contact steps: 2.5 mm to 7.4 mm at 1 kHz and 500 Hz. It may sink in deeper than a tool is thick:
+//! Contacts are as stiff as is stable with a body of that mass in a world that answers a step late
+//! ([`DynamicBody`](palpate::DynamicBody)): a world that is stepped at 500 Hz to 1 kHz makes light bodies
+//! feel crisp, one at 60 Hz makes them feel soft. Under its own weight, a body on a held object sinks in by g
+//! (T / 0.25)² to three times as much, whatever its mass, with T two steps of the world and one interval
+//! between contact steps: 2.5 mm to 7.4 mm at 1 kHz and 500 Hz. It may sink in deeper than a tool is thick:
 //! the tool's proxy keeps it on its side.
 //!
-//! Set rapier's `IntegrationParameters::length_unit` to about the size of the bodies: by default it lets bodies overlap by 5 mm, and lets
-//! those sleep that move slower than 5 cm/s.
-//!
+//! Set rapier's `IntegrationParameters::length_unit` to about the size of the bodies: by default rapier lets
+//! bodies overlap by 5 mm, and puts those to sleep that move slower than 5 cm/s.
 //! # Example
 //!
 //! ```
@@ -69,9 +72,9 @@
 mod bodies;
 mod colliders;
 mod convert;
-mod mobility;
+mod dynamic_body;
 
 pub use bodies::{TouchError, TouchedBodies};
 pub use colliders::{ColliderError, solid_collider, surface_collider};
-/// The world's engine, of the version that this is made for.
+/// Physics engine of the version that this crate is built for.
 pub use rapier3d;

@@ -1,9 +1,10 @@
-//! A session in real time that goes to Rerun: the jaws, or any two meshes or models, touched by an emulated hand.
+//! Session in real time that is logged to Rerun: the jaws, or any two meshes or models, touched by an
+//! emulated hand.
 //!
-//! `cargo run --release -p palpate-rerun --example watch_in_rerun [-- PROBE OBJECT]` writes `session.rrd`, which `rerun session.rrd` shows;
-//! with `--connect` it goes to a viewer that runs.
+//! `cargo run --release -p palpate-rerun --example watch_in_rerun [-- PROBE OBJECT]` writes `session.rrd`,
+//! which `rerun session.rrd` shows; with `--connect` it sends the log to a running viewer.
 
-#![allow(clippy::print_stdout, reason = "it says what it has written")]
+#![allow(clippy::print_stdout, reason = "it prints the file name")]
 
 use std::error::Error;
 use std::sync::atomic::AtomicBool;
@@ -37,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let stream = if connect { stream.connect_grpc()? } else { stream.save(FILE)? };
     let mut log = SessionLog::new(stream, &probe, &scene)?;
     let mut contacts = renderer.contact_monitor();
-    // Records are taken in this thread; those of the two loops know of no log.
+    // Records are taken in this thread; the threads of the two loops do not log.
     let session = renderer.run_realtime(SECONDS, &AtomicBool::new(false), |record| {
         log.contacts(contacts.latest())?;
         log.record(record)

@@ -1,4 +1,4 @@
-//! How a log is laid out in the viewer.
+//! Layout of a log in the viewer.
 
 use re_sdk::blueprint::{
     Blueprint, ContainerLike, Horizontal, Spatial3DView, TimePanel, TimeSeriesView, Vertical,
@@ -6,7 +6,7 @@ use re_sdk::blueprint::{
 
 use crate::TIMELINE;
 
-/// The world beside the plots: forces, torques, depth and contacts, with one time for all. For
+/// Returns a layout with the world beside plots of forces, torques, depth and contacts, on one time axis. For
 /// [`with_default_blueprint`](re_sdk::RecordingStreamBuilder::with_default_blueprint) of the stream that a
 /// [`SessionLog`](crate::SessionLog) writes to.
 pub fn layout() -> Blueprint {

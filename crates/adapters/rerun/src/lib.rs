@@ -1,8 +1,10 @@
-//! Logs sessions to [Rerun](https://rerun.io), where they can be watched while they run and scrubbed afterwards: the object in the hand,
-//! the scene, the patches that touch in the colour of their level of detail, what pushes where, and forces, torques and depths over time.
+//! Logs sessions to [Rerun](https://rerun.io), where they can be watched while they run and scrubbed
+//! afterwards: the object in the hand, the scene, the patches that touch in the colour of their level of
+//! detail, what pushes where, and forces, torques and depths over time.
 //!
-//! A [`SessionLog`] is fed where a session's records are taken, never in the haptic or the contact thread: neither knows of it. It writes
-//! to any [`RecordingStream`]: a file, a viewer that runs, or memory. Times are on the timeline [`TIMELINE`], lengths are metres.
+//! A [`SessionLog`] is fed where a session's records are taken, never in the haptic or the contact thread:
+//! neither knows of it. It writes to any [`RecordingStream`]: a file, a viewer that runs, or memory. Times
+//! are on the timeline [`TIMELINE`], lengths are metres.
 //!
 //! | entity | is |
 //! |---|---|
@@ -56,69 +58,69 @@ use re_sdk_types::archetypes::{Arrows3D, Clear, Scalars, SeriesLines, Transform3
 use re_sdk_types::components::{RotationQuat, Translation3D};
 use re_sdk_types::datatypes::Quaternion;
 
-/// The timeline of what is logged: s since the start of the session.
+/// Name of the timeline: s since the start of the session.
 pub const TIMELINE: &str = "session";
 
-/// Length of an arrow, in radii of the grasped object a newton.
+/// Length of an arrow, in radii of the grasped object per newton.
 pub const ARROW: f64 = 0.2;
 
-/// Records that are sent at a time.
-const AT_A_TIME: usize = 128;
+/// Number of records that are sent at once.
+const BATCH: usize = 128;
 
-/// From one look at the contacts that is logged to the next, s: as a picture is drawn.
-const LOOK: f64 = 1.0 / 60.0;
+/// Time between logged contact snapshots, s: the rate of a display.
+const SNAPSHOT_INTERVAL: f64 = 1.0 / 60.0;
 
 /// Thickness of an arrow and length of the handle's axes, in radii of the grasped object.
 const THICKNESS: f64 = 0.01;
 const AXES: f64 = 0.5;
 
-/// Colours of the grasped object, of those around it, and of what pushes.
+/// Colours of the grasped object, of scene objects, and of force arrows.
 const GRASPED: [u8; 4] = [120, 160, 200, 255];
 const SCENE: [u8; 4] = [200, 190, 165, 255];
 const PUSH: [u8; 4] = [255, 200, 40, 255];
 
-/// Why something was not logged.
+/// Error of logging.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LogError {
-    /// Rerun did not take it.
-    #[error("Rerun took no {what}: {source}")]
+    /// Rerun refused it.
+    #[error("Rerun refused {what}: {source}")]
     Refused {
-        /// What it was.
+        /// Refused part of the log.
         what: &'static str,
-        /// Why.
+        /// Error of Rerun.
         source: re_sdk::RecordingStreamError,
     },
-    /// What was logged could not be written, or sent to a viewer.
+    /// The log could not be written, or sent to a viewer.
     #[error("the Rerun log could not be written: {0}")]
     NotWritten(#[from] re_sdk::sink::SinkFlushError),
 }
 
-/// Logs a session. What it holds back is sent when it is [finished](Self::finish) or dropped.
+/// Log of a session. Buffered records are sent when it is [finished](Self::finish) or dropped.
 #[derive(Debug)]
 pub struct SessionLog {
     stream: RecordingStream,
     probe: Object,
-    /// Objects of the scene, and where they are in the log.
+    /// Objects of the scene, and their paths in the log.
     scene: BTreeMap<SceneId, (Object, EntityPath)>,
     records: Vec<Record>,
-    /// Time of the latest look that was logged, s, and the entities that it showed touching.
-    looked: f64,
+    /// Time of the latest logged snapshot, s, and the entities that it showed touching.
+    last_snapshot: f64,
     touching: BTreeSet<EntityPath>,
 }
 
 impl SessionLog {
-    /// A log of a session that begins with an object in the hand and a scene.
+    /// Starts a log of a session with an object in the hand and a scene.
     ///
     /// # Errors
-    /// If Rerun does not take their meshes.
+    /// If Rerun refuses their meshes.
     pub fn new(stream: RecordingStream, probe: &Object, scene: &Scene) -> Result<Self, LogError> {
         let mut log = Self {
             stream,
             probe: probe.clone(),
             scene: BTreeMap::new(),
-            records: Vec::with_capacity(AT_A_TIME),
-            looked: f64::NEG_INFINITY,
+            records: Vec::with_capacity(BATCH),
+            last_snapshot: f64::NEG_INFINITY,
             touching: BTreeSet::new(),
         };
         let mesh = meshes::whole(&probe.clod, GRASPED);
@@ -137,10 +139,10 @@ impl SessionLog {
         Ok(log)
     }
 
-    /// An object comes into the scene at a time (s), or into the place of another with its number.
+    /// Adds an object to the scene at a time (s), or replaces the one with its id.
     ///
     /// # Errors
-    /// If Rerun does not take its mesh.
+    /// If Rerun refuses its mesh.
     pub fn add(&mut self, id: SceneId, object: &Object, pose: &Pose, time: f64) -> Result<(), LogError> {
         self.remove(id, time)?;
         let entity = path(["world", "scene", &format!("{} {}", id.0, object.name)]);
@@ -149,43 +151,43 @@ impl SessionLog {
         self.set_pose(id, pose, time)
     }
 
-    /// A scene object is at a pose at a time (s). One that is not known is passed over.
+    /// Moves a scene object to a pose at a time (s). Unknown objects are ignored.
     ///
     /// # Errors
-    /// If Rerun does not take it.
+    /// If Rerun refuses it.
     pub fn set_pose(&mut self, id: SceneId, pose: &Pose, time: f64) -> Result<(), LogError> {
         let Some((_, entity)) = self.scene.get(&id) else { return Ok(()) };
         self.log(time, entity, "pose", &transform([*pose]))
     }
 
-    /// A scene object goes at a time (s). One that is not known is passed over.
+    /// Removes a scene object at a time (s). Unknown objects are ignored.
     ///
     /// # Errors
-    /// If Rerun does not take it.
+    /// If Rerun refuses it.
     pub fn remove(&mut self, id: SceneId, time: f64) -> Result<(), LogError> {
         let Some((_, entity)) = self.scene.remove(&id) else { return Ok(()) };
         self.log(time, &entity, "removal", &Clear::new(true))
     }
 
-    /// A haptic step. Records are sent some at a time.
+    /// Logs a haptic step. Records are sent in batches.
     ///
     /// # Errors
-    /// If Rerun does not take them.
+    /// If Rerun refuses them.
     pub fn record(&mut self, record: &Record) -> Result<(), LogError> {
         self.records.push(*record);
-        if self.records.len() < AT_A_TIME { Ok(()) } else { self.send() }
+        if self.records.len() < BATCH { Ok(()) } else { self.send() }
     }
 
-    /// What a contact step saw; sixty times a second is enough, and more is passed over.
+    /// Logs a snapshot of the contacts. Snapshots more frequent than sixty a second are ignored.
     ///
     /// # Errors
-    /// If Rerun does not take it.
+    /// If Rerun refuses it.
     pub fn contacts(&mut self, sight: &ContactSnapshot) -> Result<(), LogError> {
-        // Before the first it is NaN.
-        if sight.time.is_nan() || sight.time < self.looked + LOOK {
+        // Before the first contact step the time is NaN.
+        if sight.time.is_nan() || sight.time < self.last_snapshot + SNAPSHOT_INTERVAL {
             return Ok(());
         }
-        self.looked = sight.time;
+        self.last_snapshot = sight.time;
         let radius = self.probe.bounding_radius();
         let arrows = sight.forces.iter().map(|push| push.force * (ARROW * radius));
         let origins = sight.forces.iter().zip(arrows.clone()).map(|(push, arrow)| push.point - arrow);
@@ -210,16 +212,16 @@ impl SessionLog {
         Ok(())
     }
 
-    /// Sends what is held back, and waits until all is written.
+    /// Sends the buffered records, and waits until all is written.
     ///
     /// # Errors
-    /// If Rerun does not take it, or it cannot be written.
+    /// If Rerun refuses them, or they cannot be written.
     pub fn finish(mut self) -> Result<(), LogError> {
         self.send()?;
         Ok(self.stream.flush_blocking()?)
     }
 
-    /// Patches of an object that touch, if there are any; they are then among those shown.
+    /// Logs the patches of an object in contact, if there are any, and adds its entity to those shown.
     fn patches(
         &self,
         time: f64,
@@ -256,12 +258,12 @@ impl SessionLog {
         send().map_err(refused(what))
     }
 
-    /// Sends the records that are held back.
+    /// Sends the buffered records.
     fn send(&mut self) -> Result<(), LogError> {
         if self.records.is_empty() {
             return Ok(());
         }
-        let records = std::mem::replace(&mut self.records, Vec::with_capacity(AT_A_TIME));
+        let records = std::mem::replace(&mut self.records, Vec::with_capacity(BATCH));
         let times = || [TimeColumn::new_duration_secs(TIMELINE, records.iter().map(|record| record.time))];
         let poses = |entity: EntityPath, pose: fn(&Record) -> Pose| {
             let columns = transform(records.iter().map(pose)).columns_of_unit_batches()?;
@@ -290,7 +292,7 @@ impl SessionLog {
 
 impl Drop for SessionLog {
     fn drop(&mut self) {
-        // Who wants to know of errors finishes it.
+        // Errors are available from `finish`.
         let _ = self.send();
     }
 }
@@ -307,7 +309,7 @@ fn path<'a>(parts: impl IntoIterator<Item = &'a str>) -> EntityPath {
     parts.into_iter().map(EntityPathPart::new).collect::<Vec<_>>().into()
 }
 
-/// Poses, as what is where.
+/// Returns poses as transforms of an entity.
 fn transform(poses: impl IntoIterator<Item = Pose> + Clone) -> Transform3D {
     let translations =
         poses.clone().into_iter().map(|pose| Translation3D::from(pose.translation.as_vec3().to_array()));

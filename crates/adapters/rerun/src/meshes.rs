@@ -1,4 +1,4 @@
-//! Meshes as Rerun draws them.
+//! Meshes in Rerun's form.
 
 use std::collections::BTreeSet;
 
@@ -8,15 +8,15 @@ use palpate::glam::Vec3;
 use palpate::level_color;
 use re_sdk_types::archetypes::Mesh3D;
 
-/// How far patches that touch stand out from the mesh that they are patches of, in its radii.
+/// Offset of touching patches from their mesh, in its radii.
 const LIFT: f64 = 2e-3;
 
-/// The full mesh of a hierarchy, in its own frame.
+/// Returns the full mesh of a hierarchy, in its own frame.
 pub fn whole(clod: &Clod, color: [u8; 4]) -> Mesh3D {
     mesh(clod, clod.leaves().iter().map(|leaf| (leaf, color)), 0.0)
 }
 
-/// Patches of a hierarchy, each in the colour of its level; `None` if they have no triangles.
+/// Returns patches of a hierarchy, each in the colour of its level; `None` if they have no triangles.
 pub fn patches(clod: &Clod, nodes: &BTreeSet<u32>) -> Option<Mesh3D> {
     let nodes = nodes.iter().filter_map(|node| clod.get(*node));
     let nodes = nodes.filter(|node| !clod.patch(node).is_empty());
@@ -28,7 +28,7 @@ pub fn patches(clod: &Clod, nodes: &BTreeSet<u32>) -> Option<Mesh3D> {
     Some(mesh(clod, colored, (LIFT * clod.bounding_radius()) as f32))
 }
 
-/// Patches with their normals, moved along these by `lift` (m).
+/// Returns patches with their normals, displaced along these by `lift` (m).
 fn mesh(clod: &Clod, patches: impl Iterator<Item = (Node, [u8; 4])>, lift: f32) -> Mesh3D {
     let (mut corners, mut normals) = (Vec::new(), Vec::new());
     let (mut triangles, mut colors) = (Vec::new(), Vec::new());

@@ -1,4 +1,4 @@
-//! What is logged of a session is what the session was.
+//! The log of a session holds its records and contacts.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
@@ -15,7 +15,7 @@ use palpate_rerun::re_sdk::{RecordingStreamBuilder, Timeline};
 use palpate_rerun::{ARROW, LogError, SessionLog, TIMELINE};
 use re_sdk_types::archetypes::{Arrows3D, Clear, Mesh3D, Scalars, Transform3D};
 
-/// What is logged, by entity.
+/// Returns the logged chunks, by entity.
 fn chunks(storage: &MemorySinkStorage) -> BTreeMap<String, Vec<Chunk>> {
     let mut chunks: BTreeMap<String, Vec<Chunk>> = BTreeMap::new();
     for message in storage.take() {
@@ -27,7 +27,7 @@ fn chunks(storage: &MemorySinkStorage) -> BTreeMap<String, Vec<Chunk>> {
     chunks
 }
 
-/// Times of what is logged of an entity, ns, with a component of it as slices.
+/// Returns the times of an entity's rows, ns, with a component of it as slices.
 fn rows<const N: usize>(
     chunks: &[Chunk],
     component: palpate_rerun::re_sdk::ComponentDescriptor,
@@ -95,7 +95,7 @@ fn every_step_is_logged_as_it_was() {
         assert_eq!(turn.1, [record.object.rotation.as_quat().to_array()]);
         assert_eq!(force.1, record.contact.force.to_array());
     }
-    // The meshes, whole.
+    // Complete meshes.
     for (entity, object) in
         [("/world/grasped", &probe), ("/world/scene/0 golf-ball@2000", &scene.objects()[0].object)]
     {
@@ -107,7 +107,7 @@ fn every_step_is_logged_as_it_was() {
             .sum();
         assert_eq!(triangles, object.clod.source.triangles as usize, "{entity}");
     }
-    // Sixty looks a second at the contacts, with patches that touch while it presses.
+    // Sixty snapshots a second of the contacts, with patches in contact while it presses.
     let pushes = rows::<3>(&logged["/world/pushes"], Arrows3D::descriptor_vectors());
     assert!((200..=240).contains(&pushes.len()), "{}", pushes.len());
     assert!(logged.keys().any(|name| name.starts_with("/world/scene") && name.ends_with("/touching")));
@@ -179,7 +179,7 @@ fn objects_come_move_and_go() {
     assert_eq!(of_it.iter().map(cleared).sum::<usize>(), 1);
 }
 
-/// A file has what was logged also if nobody finishes the log.
+/// A file contains the log even if nobody finishes it.
 #[test]
 fn a_log_that_is_dropped_is_in_its_file() -> Result<(), LogError> {
     let folder = tempfile::tempdir().expect("a folder");

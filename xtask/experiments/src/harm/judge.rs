@@ -10,10 +10,10 @@ use palpate::{Settings, Wrench};
 const ROUNDING: f64 = 1e-6;
 
 /// Readings that repeat for longer are those of a lost device, s.
-const STALE: f64 = 0.025;
+const STALE_TIME: f64 = 0.025;
 
 /// Number of periods' growth that a wrench may make up at once, however late a step is.
-const PERIODS: f64 = 2.0;
+const MAX_GROWTH_PERIODS: f64 = 2.0;
 
 /// Shortest time to reach the peak unless settings give a slew rate, s.
 const SLEW_TIME: f64 = 0.01;
@@ -105,6 +105,7 @@ impl Judge {
             return;
         }
         self.bad = None;
+        // A device with time stamps is stale when neither time nor pose advances.
         let stays = |last: &DeviceState| state.time <= last.time && state.pose == last.pose;
         if self.stamped && self.good.as_ref().is_some_and(stays) {
             self.same.get_or_insert(time);
@@ -127,7 +128,8 @@ impl Judge {
         let of_force = peak(actuated.translation, wrench.force, *peak_force);
         raise(&mut self.parts.peak, of_force.max(peak(actuated.rotation, wrench.torque, *peak_torque)));
 
-        let longest = PERIODS * self.period;
+        // The wrench may grow by the slew rate times the step, and shrink at any rate.
+        let longest = MAX_GROWTH_PERIODS * self.period;
         let allowed = if step.dt.is_nan() { longest } else { step.dt.clamp(0.0, longest) };
         let slew = (self.slew.0.max(self.before.0), self.slew.1.max(self.before.1));
         let of_force = part(grown(wrench.force, self.held.force), slew.0 * allowed);
@@ -148,7 +150,7 @@ impl Judge {
             return f64::INFINITY;
         }
         let bad = self.bad.map_or(0.0, |since| time - since);
-        let same = self.same.map_or(0.0, |since| time - since - STALE);
+        let same = self.same.map_or(0.0, |since| time - since - STALE_TIME);
         let old = self.old.map_or(0.0, |since| time - since).min(self.overdue(step));
         bad.max(same).max(old) / FAULT_TIME
     }

@@ -10,9 +10,9 @@ use super::session::{BROKEN, Ended, Measure, Outcome, run};
 use crate::progress;
 
 /// Number of worst sessions of each measure that are kept as parents.
-const KEPT: usize = 8;
+const PARENTS: usize = 8;
 /// Sessions per round; parents are selected anew after each round.
-const ROUND: usize = 200;
+const ROUND_SESSIONS: usize = 200;
 
 /// Parameters of a search.
 #[derive(Clone, Copy, Debug)]
@@ -44,7 +44,7 @@ impl Search {
         let mut rng = StdRng::seed_from_u64(self.seed);
         let mut next = self.seed;
         while found.sessions - found.refused < self.sessions {
-            let left = (self.sessions + found.refused - found.sessions).min(ROUND);
+            let left = (self.sessions + found.refused - found.sessions).min(ROUND_SESSIONS);
             let done = found.sessions - found.refused;
             let round: Vec<Genome> = (0..left)
                 .map(|_| {
@@ -88,9 +88,9 @@ impl Found {
                     self.above[index] += usize::from(*part > BROKEN);
                     let worst = &mut self.worst[index];
                     let place = worst.partition_point(|(other, _)| other >= part);
-                    if place < KEPT && *part > 0.0 {
+                    if place < PARENTS && *part > 0.0 {
                         worst.insert(place, (*part, genome.clone()));
-                        worst.truncate(KEPT);
+                        worst.truncate(PARENTS);
                     }
                 }
             }

@@ -42,7 +42,7 @@ pub const BROKEN: f64 = 1.0 + 1e-6;
 const MIN_ENGAGEMENT: f64 = 0.02;
 
 /// Share of the peak below which a wrench cannot make the handle run away.
-const HARMLESS: f64 = 0.1;
+const MIN_DRIVING_SHARE: f64 = 0.1;
 
 /// Figure of a session: the largest value of a quantity relative to its bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -339,7 +339,7 @@ impl Running {
         let twist = bench.twist();
         let speed = |held: DVec3, peak: f64, velocity: DVec3, fastest: f64| {
             let size = held.length();
-            if size > HARMLESS * peak { velocity.dot(held) / (size * fastest) } else { 0.0 }
+            if size > MIN_DRIVING_SHARE * peak { velocity.dot(held) / (size * fastest) } else { 0.0 }
         };
         if elapsed > LATE_STEP {
             self.late = time;

@@ -21,7 +21,7 @@ use crate::stability::page::{Table, row};
 /// Levels that the figure shows, after the original mesh.
 const SHOWN: [usize; 5] = [0, 1, 2, 4, 7];
 /// Level at which the dissertation says that a tooth is one patch.
-const COVERED: usize = 7;
+const COVERED_LEVEL: usize = 7;
 /// Share above which a part counts as most of a whole, or as covering it.
 const MAJORITY: f64 = 0.5;
 /// Width of a picture, pixels.
@@ -249,7 +249,7 @@ pub fn lower_jaw(name: &str) -> Result<Reproduction, String> {
     let part_of = |point| JawPart::of(Model::LowerJaw, point).unwrap_or(JawPart::Gum);
     let found = Regions::new(clod, &part_of);
     let covers = covers(clod, &part_of);
-    let at = covers.get(COVERED).and_then(|covers| best(covers)).ok_or("the jaw has no such level")?;
+    let at = covers.get(COVERED_LEVEL).and_then(|covers| best(covers)).ok_or("the jaw has no such level")?;
     let first = covers.iter().position(|covers| best(covers).is_some_and(|best| best.is_one_patch()));
     let half = |part: &str, holds: bool| format!("{part} {}", if holds { "holds" } else { "falls short" });
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
@@ -260,7 +260,7 @@ pub fn lower_jaw(name: &str) -> Result<Reproduction, String> {
                 .to_owned(),
             measured: format!(
                 "{}: at the gums, which are {} of the surface, {} of its triangles and {} of its patches, are {} of {} collapses and {} of \
-                 {} merges. {}: at level {COVERED} (of {} triangles in {} patches) {} of the crown of tooth {} goes into one patch, of \
+                 {} merges. {}: at level {COVERED_LEVEL} (of {} triangles in {} patches) {} of the crown of tooth {} goes into one patch, of \
                  which it is {}; {}.",
                 half("The first part", found.is_mostly_at_the_gums()),
                 percent(found.area.gum_share()),
@@ -271,8 +271,8 @@ pub fn lower_jaw(name: &str) -> Result<Reproduction, String> {
                 percent(found.merges.gum_share()),
                 found.merges.gum + found.merges.crowns,
                 half("The second", at.is_one_patch()),
-                clod.levels[COVERED].triangles,
-                clod.level(COVERED).len(),
+                clod.levels[COVERED_LEVEL].triangles,
+                clod.level(COVERED_LEVEL).len(),
                 percent(at.of_crown),
                 at.tooth,
                 percent(at.of_patch),
@@ -282,7 +282,7 @@ pub fn lower_jaw(name: &str) -> Result<Reproduction, String> {
             ),
             condition: format!(
                 "Of collapses and of merges, more than {} are at the gums, and more than the gums' share of the surface and of its \
-                 triangles; of some tooth's crown more than {} goes into one patch of level {COVERED}, and more than as much of the patch \
+                 triangles; of some tooth's crown more than {} goes into one patch of level {COVERED_LEVEL}, and more than as much of the patch \
                  is of it.",
                 percent(MAJORITY),
                 percent(MAJORITY)

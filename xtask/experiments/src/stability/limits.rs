@@ -17,7 +17,7 @@ use super::wall::{Motion, Velocity, WallCase};
 const MAX_DEVIATION: f64 = 0.1;
 /// Factor below and above theory between which a limit is searched, and number of bisections, which resolve 1
 /// %.
-const RANGE: f64 = 3.0;
+const SEARCH_FACTOR: f64 = 3.0;
 const HALVINGS: usize = 8;
 /// Number of pushing forces, evenly spaced between the forces of two successive encoder steps.
 const PUSHES: usize = 8;
@@ -25,7 +25,7 @@ const PUSHES: usize = 8;
 /// more.
 const MAX_REST_AMPLITUDE: f64 = 1e-6;
 /// Disturbance of a handle, relative to its depth in the wall.
-const DISTURBED: f64 = 0.2;
+const DISTURBANCE: f64 = 0.2;
 /// Depth to which the handle is pushed into a wall with rounded positions, m: so large that friction does
 /// little of the braking. Time that it has to come to rest, s.
 const DEPTH: f64 = 0.02;
@@ -98,14 +98,14 @@ impl Condition {
         match self {
             Self::Damped => Ok(case.shaken()? <= 0.0),
             Self::Rounded => comes_to_rest(case),
-            Self::Spring | Self::Lever | Self::FreeLever => case.swing_dies_away(DISTURBED),
+            Self::Spring | Self::Lever | Self::FreeLever => case.swing_dies_away(DISTURBANCE),
         }
     }
 
     /// Measures the stiffest wall that is stable, assuming that softer ones are.
     fn measured(self, case: &Case) -> Result<f64, String> {
         let theory = self.stiffest(case);
-        let (mut low, mut high) = (theory / RANGE, theory * RANGE);
+        let (mut low, mut high) = (theory / SEARCH_FACTOR, theory * SEARCH_FACTOR);
         for _ in 0..HALVINGS {
             let stiffness = (low * high).sqrt();
             if self.holds(&case.with(stiffness))? { low = stiffness } else { high = stiffness }

@@ -1,9 +1,9 @@
 //! Stability maps: where the engine is stable, by mass, stiffness, rates, delays and other parameters, found by
 //! simulation.
 //!
-//! `cargo xtask stability [NAME…|all] [--quick] [--out FOLDER]` writes for each map its results as CSV, pictures
-//! of them, and a page, `stability.md`, that describes them. Every number and every verdict on the page is
-//! computed from the results; the same arguments give the same files, whatever the number of threads.
+//! `cargo xtask stability [NAME…|all] [--quick] [--out FOLDER]` writes for each map its results as CSV,
+//! pictures of them, and a page, `stability.md`, that describes them. Every number and every verdict on the
+//! page is computed from the results; the same arguments give the same files, whatever the number of threads.
 
 mod body;
 mod conditions;

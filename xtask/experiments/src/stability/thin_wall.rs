@@ -23,7 +23,7 @@ const PRESS: f64 = 5e-3;
 /// Times in which the hand accelerates and keeps its speed before the touch, and until the end, s.
 const SPEED_UP: f64 = 0.15;
 const CRUISE: f64 = 0.1;
-const AFTER: f64 = 0.35;
+const AFTER_TOUCH: f64 = 0.35;
 
 /// Settings that keep the object on its side.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -235,7 +235,7 @@ fn hit(case: &Case, probe: &Object, plate: &Object, touch: f64) -> Result<Hit, S
     // The probe has popped through if its middle is beyond the middle of the plate.
     let center = probe.clod.source.center;
     let mut touched = false;
-    let seconds = SPEED_UP + CRUISE + late + PRESS / speed + AFTER;
+    let seconds = SPEED_UP + CRUISE + late + PRESS / speed + AFTER_TOUCH;
     let mut found = Hit { popped: false, deepest: 0.0, speed: 0.0, largest_force: 0.0, port_energy: 0.0 };
     let stop = AtomicBool::new(false);
     let run = renderer.run_lockstep(seconds, ContactTiming::busy(rate), &stop, |record| {

@@ -247,6 +247,7 @@ impl WallCase {
             // From the travel in the tick: where the motion reverses, the speed at its end is no measure of
             // it.
             let travel = trace.last().map_or(0.0, |[before]: &[f64; 1]| (position - before).abs());
+            // Heat in a tick: (b ẋ + f_c) Δx with ẋ = Δx/Δt.
             lost += (theory.device_damping * travel / TICK + theory.friction) * travel;
             let moving = 0.5 * Emulation::default().handle.mass * speed * speed;
             hand_energy = hand_energy.min(lost + moving - device.work());

@@ -1,4 +1,4 @@
-//! Which bodies are felt, what is told of them, and what is refused.
+//! Felt bodies, updates sent to the session, and refused bodies.
 
 use crate::session::{Session, bottom, cuboid, model, world};
 use palpate::errors::EditError;
@@ -9,10 +9,10 @@ use palpate_rapier::rapier3d::prelude::{
 use palpate_rapier::{TouchError, TouchedBodies, solid_collider, surface_collider};
 
 const SIDE: f64 = 0.04;
-/// How far below the probe a box begins, m.
+/// Gap between the probe and a box below it, m.
 const GAP: f64 = 1e-3;
 
-/// A box below the probe, which a still hand holds.
+/// Returns a box below the probe, which a still hand holds.
 fn below(builder: RigidBodyBuilder, every: u32) -> (Session, RigidBodyHandle) {
     let (probe, cube) = (model("ellipsoid@500"), cuboid(DVec3::splat(SIDE)));
     let mut world = world(0.0);
@@ -28,7 +28,7 @@ fn run(session: &mut Session, steps: u32) -> f64 {
     (0..steps).map(|_| session.step().contact.force.z).last().unwrap_or(0.0)
 }
 
-/// The mean force along z over so many steps, N.
+/// Returns the mean force along z over so many steps, N.
 fn mean(session: &mut Session, steps: u32) -> f64 {
     (0..steps).map(|_| session.step().contact.force.z).sum::<f64>() / f64::from(steps)
 }
@@ -46,18 +46,18 @@ fn kinematic_bodies_are_felt_and_not_pushed() {
         let rise = session.world.bodies[body].translation().z - start;
         assert!((rise - 0.512 * speed).abs() < 1e-5, "every {every} ms: rose by {rise} m");
         assert!(session.reactions.take().is_none());
-        // It stops, and the force stays.
+        // It stops, and the force persists.
         session.world.bodies[body].set_linvel(Vector::ZERO, true);
         let (one, other) = (mean(&mut session, 1000), mean(&mut session, 1000));
         assert!((one - other).abs() < 1e-3 * one, "every {every} ms: {one} and {other} N");
-        // Let go by the session, it is not felt any more.
+        // A removed body is not felt.
         session.touched.remove(&mut session.scene, body).expect("it is touched");
         assert!(session.touched.is_empty());
         assert_eq!(run(&mut session, 100), 0.0);
     }
 }
 
-/// A box that stands in the probe's way is felt, wherever it is put, until the world has it no more.
+/// A box in the probe's path is felt, wherever it is put, until the world removes it.
 #[test]
 fn fixed_bodies_are_felt_until_they_are_removed() {
     let (mut session, body) = below(RigidBodyBuilder::fixed(), 1);
@@ -74,7 +74,7 @@ fn fixed_bodies_are_felt_until_they_are_removed() {
 
 /// A body that is made kinematic is not pushed from then on; made dynamic again, it is.
 #[test]
-fn a_change_of_type_is_told() {
+fn a_change_of_type_is_sent() {
     let rising = RigidBodyBuilder::kinematic_velocity_based().linvel(Vector::new(0.0, 0.0, 0.01));
     let (mut session, body) = below(rising, 1);
     run(&mut session, 300);
@@ -93,12 +93,13 @@ fn a_change_of_type_is_told() {
     assert!(session.reactions.take().is_none());
 }
 
-/// A session that takes nothing more: bodies that sleep ask for nothing, and what is awake is told later, the ones that waited first.
+/// A session has no room for changes: sleeping bodies need none, and changes of awake bodies are sent later,
+/// starting with those that waited.
 #[test]
-fn a_session_that_is_full_is_told_later() {
+fn a_full_session_gets_changes_later() {
     let cube = cuboid(DVec3::splat(SIDE));
     let mut world = world(0.0);
-    // In a row out of the probe's reach, each as fast as the others.
+    // In a row out of the probe's reach, all with the same speed.
     let bodies: Vec<_> = (0..3)
         .map(|place| {
             let start = Vector::new(0.1 * place as f32, 0.0, -1.0);
@@ -111,17 +112,17 @@ fn a_session_that_is_full_is_told_later() {
     let mut session = Session::new(world, 1, &model("ellipsoid@500"), |_| (DVec3::ZERO, DVec3::ZERO));
     session.touch(sleeper, &cube);
     run(&mut session, 10);
-    // More than any ring has.
+    // More than any queue holds.
     for _ in 0..10_000 {
         session.world.step();
-        session.touched.after_step(&mut session.scene, &session.world.bodies).expect("nothing to tell");
+        session.touched.after_step(&mut session.scene, &session.world.bodies).expect("nothing to send");
     }
     bodies.iter().for_each(|body| session.touch(*body, &cube));
     let mut refused = 0;
     for _ in 0..1000 {
         session.world.step();
-        let told = session.touched.after_step(&mut session.scene, &session.world.bodies);
-        if let Err(error) = told {
+        let sent = session.touched.after_step(&mut session.scene, &session.world.bodies);
+        if let Err(error) = sent {
             assert!(matches!(error, TouchError::Edit { source: EditError::Full, .. }), "{error}");
             refused += 1;
         }
@@ -133,7 +134,7 @@ fn a_session_that_is_full_is_told_later() {
 }
 
 #[test]
-fn what_cannot_be_touched_is_refused() {
+fn invalid_bodies_are_refused() {
     let (mut session, body) = below(RigidBodyBuilder::dynamic(), 1);
     let cube = cuboid(DVec3::splat(SIDE));
     let Session { touched, scene, world, .. } = &mut session;
@@ -143,7 +144,7 @@ fn what_cannot_be_touched_is_refused() {
     assert_eq!(touched.remove(scene, nobody), Err(TouchError::NotTouched(nobody)));
     let light = world.insert_body(RigidBodyBuilder::dynamic());
     assert_eq!(touched.add(scene, &world.bodies, light, &cube), Err(TouchError::NoMass(light)));
-    // Its own mass is there once the world knows it.
+    // A body's own mass is present after a step of the world.
     let properties = MassProperties::new(Vector::ZERO, 1.0, Vector::ZERO);
     let heavy = world.insert_body(RigidBodyBuilder::dynamic().additional_mass_properties(properties));
     assert_eq!(touched.add(scene, &world.bodies, heavy, &cube), Err(TouchError::NoMass(heavy)));
@@ -154,18 +155,18 @@ fn what_cannot_be_touched_is_refused() {
         let refused = timeless.add(scene, &world.bodies, body, &cube);
         assert_eq!(refused, Err(TouchError::Edit { body, source: EditError::DynamicBody }), "{period}");
         assert!(timeless.is_empty());
-        // A fixed body has no use for one.
+        // A fixed body needs no period.
         let fixed = world.insert_body(RigidBodyBuilder::fixed());
         timeless.add(scene, &world.bodies, fixed, &cube).expect("it is not pushed");
     }
-    // What was refused is gone again.
+    // Refused bodies have been removed again.
     let error = TouchError::NoMass(light).to_string();
     assert!(error.contains("no mass") && error.contains("collider"), "{error}");
 }
 
-/// A body whose numbers have gone is left where it was, and the others go on.
+/// A body with invalid numbers stays where it was, and the others go on.
 #[test]
-fn a_body_that_is_nowhere_holds_up_no_other() {
+fn a_body_with_an_invalid_pose_delays_no_other() {
     let (mut session, body) = below(RigidBodyBuilder::dynamic(), 1);
     run(&mut session, 10);
     session.world.bodies[body].set_linvel(Vector::new(f32::NAN, 0.0, 0.0), false);
@@ -176,7 +177,7 @@ fn a_body_that_is_nowhere_holds_up_no_other() {
     session.world.bodies[other].set_linvel(Vector::new(0.1, 0.0, 0.0), true);
     let refused = session.touched.after_step(&mut session.scene, &session.world.bodies);
     assert_eq!(refused, Err(TouchError::Edit { body, source: EditError::Twist }));
-    // It was told of the other: that has no more to be told.
+    // The other body was sent and has no further changes.
     session.world.bodies[body].set_linvel(Vector::ZERO, false);
     session.touched.after_step(&mut session.scene, &session.world.bodies).expect("room");
 }

@@ -1,4 +1,4 @@
-//! Colliders of objects: what they are made of, and what is refused.
+//! Colliders of objects: their parts, and refused objects.
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -10,7 +10,8 @@ use palpate::{Object, OpenOptions, TriMesh};
 use palpate_rapier::rapier3d::prelude::{RigidBodyBuilder, Vector};
 use palpate_rapier::{ColliderError, solid_collider, surface_collider};
 
-/// Falls onto a floor and rests there, not lower than f32 and rapier's slack (m) let it.
+/// Drops an object onto a floor and checks that it rests there, no lower than f32 and rapier's slack (m)
+/// allow.
 fn rests_on_the_floor(object: &Object, level: usize, slack: f64) {
     let mut world = world(9.81);
     world.integration_parameters.dt = 5e-3;
@@ -32,7 +33,8 @@ fn rests_on_the_floor(object: &Object, level: usize, slack: f64) {
     assert!(f64::from(depth) < 0.02, "{} at level {level}: {depth} m", object.name);
 }
 
-/// Every model that comes in few triangles, at its finest and at its coarsest level has the mass that it was given, where the mesh has it.
+/// Every model that can have few triangles has, at its finest and at its coarsest level, the given mass, with
+/// the mesh's distribution.
 #[test]
 fn models_become_solids() {
     for builtin in Model::ALL {
@@ -64,13 +66,13 @@ fn solids_rest_on_a_floor() {
     for name in ["golf-ball@2000", "gear@2000", "cup@2000", "hammer@2000"] {
         let object = model(name);
         rests_on_the_floor(&object, 0, 5e-4);
-        // A coarse hull may leave out what stands on the floor.
+        // A coarse hull may leave out parts that stand on the floor.
         rests_on_the_floor(&object, object.clod.levels.len() - 1, 0.05 * object.bounding_radius());
     }
 }
 
 #[test]
-fn a_box_is_one() {
+fn a_box_becomes_a_box() {
     let size = DVec3::new(0.06, 0.04, 0.02);
     let collider = solid_collider(&cuboid(size), 0, 1.0).expect("a collider").build();
     let compound = collider.shape().as_compound().expect("a compound");
@@ -80,7 +82,7 @@ fn a_box_is_one() {
 }
 
 #[test]
-fn what_is_no_solid_is_refused() {
+fn an_object_that_is_not_a_solid_is_refused() {
     let cube = cuboid(DVec3::splat(0.04));
     for mass in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-60, 1e60] {
         assert!(matches!(solid_collider(&cube, 0, mass), Err(ColliderError::Mass { .. })), "{mass}");
@@ -97,9 +99,9 @@ fn what_is_no_solid_is_refused() {
     let _ = solid_collider(&tiny, 0, 1.0);
 }
 
-/// Meshes of others, where they are.
+/// On the optional real meshes.
 #[test]
-fn meshes_of_others_become_solids() {
+fn real_meshes_become_solids() {
     for name in ["nut_m16.obj"] {
         let file =
             PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../../shared/models/good")).join(name);

@@ -1,4 +1,4 @@
-//! The integration tests, linked once: a module a subject.
+//! Integration tests, linked once, with a module per subject.
 
 mod bodies;
 mod colliders;

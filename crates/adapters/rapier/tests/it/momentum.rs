@@ -1,13 +1,13 @@
-//! What a free body gains the contact wrench has given.
+//! The momentum that a free body gains comes from the contact wrench.
 
 use crate::session::{PERIOD, Session, bottom, cuboid, model, vector, world};
 use palpate::glam::{DVec2, DVec3};
 use palpate_rapier::rapier3d::prelude::{RigidBodyBuilder, Vector};
 use palpate_rapier::solid_collider;
 
-/// Struck off its centre of mass, from light to heavy, and in worlds that are stepped seldom.
+/// Struck off its centre of mass, from light to heavy, and in worlds with long steps.
 #[test]
-fn a_body_that_is_struck_takes_the_momentum_that_it_is_given() {
+fn a_struck_body_takes_the_momentum_that_it_is_given() {
     let probe = model("ellipsoid@500");
     let cases = [
         (cuboid(DVec3::new(0.06, 0.04, 0.02)), DVec2::new(0.015, 0.008)),
@@ -23,7 +23,7 @@ fn a_body_that_is_struck_takes_the_momentum_that_it_is_given() {
             let (body, _) = world.insert(RigidBodyBuilder::dynamic().can_sleep(false), collider);
             let surface = object.clod.leaves().iter().flat_map(|leaf| object.clod.hull(leaf));
             let top = surface.map(|v| v.z).fold(f64::NEG_INFINITY, f64::max);
-            // Down onto it, and a little through where it was.
+            // Down onto it, and slightly through its first position.
             let above = DVec3::new(aim.x, aim.y, top - bottom(&probe) + 2e-3);
             let hand = move |time: f64| {
                 let along = (time - 0.3).clamp(0.0, 0.1);
@@ -44,7 +44,7 @@ fn a_body_that_is_struck_takes_the_momentum_that_it_is_given() {
             assert!(taken.z < -1e-5, "{case}: {taken} N·s");
             let (off, of) = ((taken - linear).length(), linear.length());
             assert!(off < 0.01 * of, "{case}: {off:e} of {of:e} N·s");
-            // About the centre of mass at first, where both are of one size.
+            // About the initial centre of mass, where both are of similar size.
             let first = vector(session.world.bodies[body].local_center_of_mass());
             let (given, gained) = (angular - first.cross(linear), turning - first.cross(taken));
             let (off, of) = ((gained - given).length(), given.length());
@@ -54,8 +54,8 @@ fn a_body_that_is_struck_takes_the_momentum_that_it_is_given() {
     }
 }
 
-/// A world that is not stepped for long, as one that loads something: what its body was pressed with meanwhile, longer than the session can keep step by
-/// step, it is given when it goes on, and not when it is touched again.
+/// A world pauses, as when it loads data. It receives the impulses on its body meanwhile, for longer than the
+/// session can store step by step, when it goes on, and not when the body is touched again.
 #[test]
 fn a_world_that_stalls_loses_nothing() {
     let (probe, cube) = (model("ellipsoid@500"), cuboid(DVec3::splat(0.04)));

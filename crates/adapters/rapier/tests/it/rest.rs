@@ -1,4 +1,4 @@
-//! Boxes at rest stay at rest, and what is pressed comes to rest.
+//! Boxes at rest stay at rest, and pressed ones come to rest.
 
 use crate::session::{Session, bottom, cuboid, model, vector, world};
 use palpate::Object;
@@ -10,7 +10,7 @@ use palpate_rapier::solid_collider;
 
 const SIDE: f64 = 0.04;
 
-/// A stack of boxes of a mass (kg) each, on a floor at z = 0.
+/// Returns a stack of boxes with a mass (kg) each, on a floor at z = 0.
 fn stack(object: &Object, count: usize, mass: f64) -> (PhysicsWorld, Vec<RigidBodyHandle>) {
     let mut world = world(9.81);
     let floor = ColliderBuilder::cuboid(1.0, 1.0, 0.1).translation(Vector::new(0.0, 0.0, -0.1));
@@ -25,7 +25,7 @@ fn stack(object: &Object, count: usize, mass: f64) -> (PhysicsWorld, Vec<RigidBo
     (world, boxes)
 }
 
-/// Kinetic energy that rapier leaves a stack of three in, J, which is pressed with a constant force (N) and comes to no more than that.
+/// Returns the kinetic energy that rapier leaves in a stack of three pressed with a constant force (N), J.
 fn residual(object: &Object, mass: f64, every: u32, force: f64) -> f64 {
     let (mut world, boxes) = stack(object, 3, mass);
     let dt = f64::from(every) * crate::session::PERIOD;
@@ -43,7 +43,7 @@ fn residual(object: &Object, mass: f64, every: u32, force: f64) -> f64 {
     most
 }
 
-/// With a probe far away they are where they are without one, bit by bit, and stay there.
+/// With a probe far away the boxes move exactly as without one, bit by bit, and stay at rest.
 #[test]
 fn boxes_at_rest_stay_at_rest() {
     let (probe, cube) = (model("ellipsoid@500"), cuboid(DVec3::splat(SIDE)));
@@ -64,7 +64,7 @@ fn boxes_at_rest_stay_at_rest() {
             let places: Vec<_> = boxes.iter().map(|body| *session.world.bodies[*body].position()).collect();
             let others = boxes.iter().map(|body| *alone.bodies[*body].position());
             assert!(others.eq(places.iter().copied()), "{mass} kg every {every} ms: apart at {step} ms");
-            // The time in which they sink in as far as rapier lets them.
+            // Time in which they sink in as far as rapier lets them.
             if step >= 2000 && settled.is_empty() {
                 settled.clone_from(&places);
             }
@@ -76,7 +76,7 @@ fn boxes_at_rest_stay_at_rest() {
     }
 }
 
-/// A hand presses on the topmost and holds still: the force is there, and the boxes come to rest.
+/// A hand presses on the topmost and holds still: the force persists, and the boxes come to rest.
 #[test]
 fn a_stack_that_is_pressed_comes_to_rest() {
     stacks_come_to_rest(&[(0.01, 1), (0.1, 4), (0.01, 16), (10.0, 16)]);
@@ -88,7 +88,7 @@ fn a_stack_that_is_pressed_comes_to_rest_in_further_cases() {
     stacks_come_to_rest(&[(0.1, 1), (10.0, 1), (0.01, 4), (10.0, 4), (0.1, 16)]);
 }
 
-/// Each case is the mass of a box (kg) and the period of the world's steps (ms).
+/// Checks cases of a box's mass (kg) and the period of the world's steps (ms).
 fn stacks_come_to_rest(cases: &[(f64, u32)]) {
     let (probe, cube) = (model("ellipsoid@500"), cuboid(DVec3::splat(SIDE)));
     for &(mass, every) in cases {
@@ -130,9 +130,10 @@ fn stacks_come_to_rest(cases: &[(f64, u32)]) {
     }
 }
 
-/// A plate lies on the handle of a spoon that a still hand holds: it sinks in, deeper than the handle is thick, and stays there.
+/// A plate lies on the handle of a spoon that a still hand holds: it sinks in deeper than the handle is
+/// thick, and stays there.
 #[test]
-fn what_lies_on_a_thin_tool_stays_there() {
+fn an_object_on_a_thin_tool_stays_there() {
     let (probe, thickness) = (model("spoon@2000"), 0.01);
     let plate = cuboid(DVec3::new(0.06, 0.06, thickness));
     let near = |v: &&DVec3| v.x.abs() < 0.03;
@@ -158,7 +159,7 @@ fn what_lies_on_a_thin_tool_stays_there() {
     }
 }
 
-/// A box that drifts against a probe which a still hand holds bounces off with no more energy than it came with.
+/// A box that drifts against a probe held by a still hand bounces off with no more energy than before.
 #[test]
 fn a_bounce_adds_no_energy() {
     let (probe, cube) = (model("ellipsoid@500"), cuboid(DVec3::splat(SIDE)));
@@ -180,7 +181,7 @@ fn a_bounce_adds_no_energy() {
             let (mut most, mut hit) = (0.0_f64, false);
             for _ in 0..4000 {
                 hit |= session.step().contact.force.z > 1e-6;
-                // In between the body has yet to be given what the probe has got.
+                // In between, the body has not yet received the impulse of the probe.
                 if session.steps.is_multiple_of(every) {
                     most = most.max(session.world_energy() + session.hand_energy());
                 }

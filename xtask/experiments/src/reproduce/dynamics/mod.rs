@@ -1,5 +1,5 @@
-//! Rigid body dynamics with haptic manipulation (chapter 5): the coupling's spring, integrators in free space and in contact,
-//! the linearised contact model, textures (Figs. 5.4, 5.6, 5.8, 5.10, 5.12).
+//! Rigid body dynamics with haptic manipulation (chapter 5): the coupling's spring, integrators in free space
+//! and in contact, the linearised contact model, textures (Figs. 5.4, 5.6, 5.8, 5.10, 5.12).
 
 pub mod free_space;
 pub mod jaws;

@@ -31,6 +31,7 @@ impl Curve {
         }
         let [left, middle, right] =
             [-1, 0, 1].map(|step| self.acceleration[highest.wrapping_add_signed(step)].ln());
+        // Vertex of the parabola through (−1, l), (0, m), (1, r): x = ½ (l − r)/(l − 2 m + r), y = m − ¼ (l − r) x.
         let at = 0.5 * (left - right) / (left - 2.0 * middle + right);
         let ratio = self.spacing[highest + 1] / self.spacing[highest];
         let top = middle - 0.25 * (left - right) * at;
@@ -56,6 +57,7 @@ impl Curve {
                 (DVec3::new(1.0, x, x * x), value.ln())
             })
             .collect();
+        // Normal equations (Σ p pᵀ) fit = Σ p y with p = (1, x, x²).
         let normal = points
             .iter()
             .fold(DMat3::ZERO, |sum, (p, _)| sum + DMat3::from_cols(*p * p.x, *p * p.y, *p * p.z));

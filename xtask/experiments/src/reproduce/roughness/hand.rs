@@ -61,7 +61,7 @@ const SETTLING: f64 = 8.0;
 /// Largest number of periods to wait for the motion to become periodic.
 const MAX_PERIODS: usize = 400;
 /// Change from period to period, relative to spacing and speed, below which a motion counts as periodic.
-const REPEATS: f64 = 1e-4;
+const MAX_PERIODIC_CHANGE: f64 = 1e-4;
 
 /// Simulates Eq. 4.14 until the motion is periodic, and returns its largest acceleration.
 ///
@@ -80,7 +80,7 @@ pub fn vibration(hand: &Hand, stroke: &Stroke, profile: &Profile) -> Vibration {
         let most = motion.run(period, steps as usize);
         let changed = ((motion.lag - before.0) / profile.spacing).abs()
             + ((motion.speed - before.1) / stroke.speed).abs();
-        last.push((most, changed < REPEATS));
+        last.push((most, changed < MAX_PERIODIC_CHANGE));
         let periodic = last.iter().rev().take(EVALUATED_PERIODS).all(|(_, repeats)| *repeats);
         if periodic && index >= settling + EVALUATED_PERIODS {
             break;

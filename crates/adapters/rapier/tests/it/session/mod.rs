@@ -1,4 +1,4 @@
-//! What the tests share: a world and a session that touches it, stepped in one thread.
+//! Shared by the tests: a world and a session that touches it, stepped in one thread.
 
 #![allow(dead_code, reason = "not every test needs everything")]
 
@@ -13,14 +13,14 @@ use palpate::{
 use palpate_rapier::TouchedBodies;
 use palpate_rapier::rapier3d::prelude::{PhysicsWorld, RigidBodyHandle, Vector};
 
-/// Of the haptic loop, s.
+/// Period of the haptic loop, s.
 pub const PERIOD: f64 = 1e-3;
-/// Haptic steps from contact step to contact step.
+/// Haptic steps per contact step.
 const STRIDE: u32 = 2;
 
 type Hand = Box<dyn Fn(f64) -> (Pose, Twist)>;
 
-/// A world, and a session with it.
+/// World, and a session with it.
 pub struct Session {
     pub world: PhysicsWorld,
     pub touched: TouchedBodies,
@@ -31,13 +31,14 @@ pub struct Session {
     probe: Object,
     mass: f64,
     hand: Hand,
-    /// Haptic steps from a step of the world to the next, and so far.
+    /// Haptic steps per step of the world, and their number so far.
     pub every: u32,
     pub steps: u32,
 }
 
 impl Session {
-    /// With a world that is stepped every so many milliseconds, the hand being at a place (m) with a velocity (m/s) at a time (s).
+    /// Returns a session with a world that is stepped every so many milliseconds, and a hand with a position
+    /// (m) and velocity (m/s) at a time (s).
     pub fn new(
         mut world: PhysicsWorld,
         every: u32,
@@ -61,16 +62,16 @@ impl Session {
         Self { world, touched, scene, reactions, haptic, contact, probe, mass, hand, every, steps: 0 }
     }
 
-    /// Lets a body be touched.
+    /// Adds a body to the session.
     pub fn touch(&mut self, body: RigidBodyHandle, object: &Object) {
-        self.touched.add(&mut self.scene, &self.world.bodies, body, object).expect("it can be touched");
+        self.touched.add(&mut self.scene, &self.world.bodies, body, object).expect("it can be added");
     }
 
     pub fn now(&self) -> f64 {
         PERIOD * f64::from(self.steps)
     }
 
-    /// A haptic step, and one of the world when it is due.
+    /// Takes a haptic step, and one of the world when it is due.
     pub fn step(&mut self) -> Record {
         let body: BodyState = *self.haptic.body_state();
         let update = self.steps.is_multiple_of(STRIDE).then(|| self.contact.step(&body, self.now()));
@@ -90,12 +91,12 @@ impl Session {
         record
     }
 
-    /// The grasped object's centre of mass, m.
+    /// Returns the grasped object's centre of mass, m.
     pub fn probe_center(&self) -> DVec3 {
         self.haptic.body_state().pose.translation
     }
 
-    /// Kinetic energy of the grasped object, and what its coupling to the hand has stored, J.
+    /// Returns the kinetic energy of the grasped object plus the energy in its coupling to the hand, J.
     pub fn hand_energy(&self) -> f64 {
         let state = self.haptic.body_state();
         let turn = DMat3::from_quat(state.pose.rotation);
@@ -107,12 +108,12 @@ impl Session {
         moving + self.haptic.coupling().potential_energy(state, &DeviceMotion { pose: grasp, twist })
     }
 
-    /// Kinetic energy of all dynamic bodies, J.
+    /// Returns the kinetic energy of all dynamic bodies, J.
     pub fn world_energy(&self) -> f64 {
         self.world.bodies.iter().map(|(_, body)| f64::from(body.kinetic_energy())).sum()
     }
 
-    /// Momentum of a body, and its angular momentum about the world's origin.
+    /// Returns momentum of a body, and its angular momentum about the world's origin.
     pub fn momentum(&self, body: RigidBodyHandle) -> (DVec3, DVec3) {
         let body = &self.world.bodies[body];
         let properties = body.mass_properties();
@@ -127,14 +128,14 @@ pub fn vector(v: Vector) -> DVec3 {
     DVec3::new(v.x.into(), v.y.into(), v.z.into())
 }
 
-/// A world of small things.
+/// Returns a world of small objects.
 pub fn world(gravity: f32) -> PhysicsWorld {
     let mut world = PhysicsWorld { gravity: Vector::new(0.0, 0.0, -gravity), ..PhysicsWorld::default() };
     world.integration_parameters.length_unit = 0.02;
     world
 }
 
-/// A box about the origin.
+/// Returns a box about the origin.
 pub fn cuboid(size: DVec3) -> Object {
     let half = size * 0.5;
     let sign = |bit: usize| if bit == 0 { -1.0 } else { 1.0 };
@@ -145,13 +146,13 @@ pub fn cuboid(size: DVec3) -> Object {
     Object::from_mesh("box", &mesh).expect("a hierarchy")
 }
 
-/// A built-in model with its hierarchy built anew.
+/// Returns a built-in model with a newly built hierarchy.
 pub fn model(name: &str) -> Object {
     let options = OpenOptions { cache: false, ..OpenOptions::default() };
     Object::open(name, &options, &mut unwatched).expect("a model")
 }
 
-/// How far an object reaches down along z from its frame, m.
+/// Returns how far an object extends below its frame along z, m.
 pub fn bottom(object: &Object) -> f64 {
     let surface = object.clod.leaves().iter().flat_map(|leaf| object.clod.hull(leaf));
     surface.map(|v| v.z).fold(f64::INFINITY, f64::min)

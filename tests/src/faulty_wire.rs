@@ -1,9 +1,10 @@
-//! A device behind a wire that is cruel to what it carries, and a hand with mass behind the device: for tests of the whole way from a
-//! report's bytes to the force on the hand.
+//! Simulated device behind a wire with faults, and a hand with mass that holds it: for tests from the bytes
+//! of a report to the force on the hand.
 //!
-//! The device samples the hand by a clock of its own and sends its place in bytes with a counter and a checksum; the host answers with
-//! a force in bytes. Both ways a report may be late, lost, doubled, overtaken, cut in half or have bits flipped, by a [`Cruelty`]. The
-//! device lets go where it has heard of no report for [`DEVICE_TIMEOUT`], as real ones do. What reaches the hand is watched
+//! The device samples the hand by its own clock and sends its position in bytes with a counter and a
+//! checksum; the host answers with a force in bytes. In both directions a report may be late, lost,
+//! duplicated, overtaken, truncated or have bits flipped, by [`Impairments`]. The device drops its force when
+//! no report arrives for [`DEVICE_TIMEOUT`], as real ones do. The force that reaches the hand is checked
 //! ([`Findings`]).
 
 use std::collections::BTreeMap;
@@ -22,107 +23,108 @@ use palpate::{Pose, Twist, Wrench};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 
-/// How long the device keeps a force without a report from the host, s.
+/// Time for which the device never_drops a force without a report from the host, s.
 pub const DEVICE_TIMEOUT: f64 = 0.05;
-/// Period of the device's reports by its own clock, and step of the hand, s.
+/// Period of the device's reports by its own clock, and time step of the hand, s.
 const REPORT_PERIOD: f64 = 1e-3;
 const STEP: f64 = 1e-4;
-/// From so long after the hand begins to press on, nothing is lost: what comes back is to be seen, s.
-const CALM: f64 = 0.6;
-/// Reports that wait for the host, at most: the newest are lost beyond.
-const WAITING: usize = 64;
-/// Bytes of a report to the host: counter, device's time, place, whether it has let go, checksum; and to the device: counter, force,
-/// checksum.
+/// Time after the hand begins to press from which no report is lost, so that the force comes back, s.
+const FAULT_FREE_AFTER: f64 = 0.6;
+/// Largest number of reports that wait for the host; newer ones are lost.
+const MAX_PENDING: usize = 64;
+/// Bytes of a report to the host (counter, device's time, position, whether it has dropped its force,
+/// checksum), and of a command to the device (counter, force, checksum).
 const REPORT: usize = 21;
 const COMMAND: usize = 16;
-/// How far a figure may be above its bound: forces are carried as f32.
+/// Relative error by which a value may exceed its bound: forces are transmitted as f32.
 const ROUNDING: f64 = 1e-5;
 
-/// Something that goes on for a while, again and again.
+/// Fault that lasts for a while, repeatedly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Trouble {
+pub enum Fault {
     /// The device sends nothing.
     Silent,
-    /// It hears nothing.
+    /// The device receives nothing.
     Deaf,
-    /// It sends its place in mm.
+    /// The device sends its position in mm.
     Millimetres,
-    /// It sends any bits as its place, with a checksum that is right.
+    /// The device sends random bits as its position, with a correct checksum.
     Nonsense,
-    /// It is unplugged.
+    /// The device is unplugged.
     Unplugged,
     /// The hand lets go of the handle.
     LetsGo,
-    /// The host's haptic thread does nothing.
+    /// The host's haptic thread stalls.
     LoopStalls,
-    /// The host's pump does nothing.
+    /// The host's pump stalls.
     PumpStalls,
 }
 
-/// What the wire does to what it carries. Shares are from 0 to 1, times in s.
+/// Impairments of the wire. Shares are from 0 to 1, times in s.
 #[derive(Clone, Debug, Default)]
-pub struct Cruelty {
-    /// What each way takes: to the host, and to the device.
+pub struct Impairments {
+    /// Latencies to the host and to the device.
     pub latency: (f64, f64),
-    /// What it takes longer at most, at random.
+    /// Largest random addition to the latency.
     pub jitter: f64,
-    /// Share that is lost.
+    /// Share of reports that are lost.
     pub lost: f64,
-    /// Share that comes twice.
-    pub doubled: f64,
+    /// Share of reports that arrive twice.
+    pub duplicated: f64,
     /// Share of reports that take up to 8 ms longer, so that others overtake them.
     pub overtaken: f64,
-    /// Share that is cut in half.
-    pub cut: f64,
-    /// Share that has one to three bits flipped.
+    /// Share of reports that are truncated in half.
+    pub truncated: f64,
+    /// Share of reports that have one to three bits flipped.
     pub flipped: f64,
     /// Share of writes that fail.
     pub failing: f64,
-    /// By how much the device's clock is fast, as a share.
+    /// Relative error of the device's clock; positive if it is fast.
     pub clock_rate: f64,
-    /// How often the device's clock jumps by up to 20 ms, 1/s.
+    /// Rate at which the device's clock jumps by up to 20 ms, 1/s.
     pub clock_jumps: f64,
-    /// Troubles of 5 to 120 ms, about three times a second.
-    pub troubles: Vec<Trouble>,
-    /// The host does not check what the device sends.
+    /// Faults of 5 to 120 ms, about three times a second.
+    pub faults: Vec<Fault>,
+    /// Whether the host does not check what the device sends.
     pub unchecked: bool,
-    /// The device tells where it has let go by itself, and then takes nothing before it is sent zero.
+    /// Whether the device reports that it has dropped its force, and then accepts only zero next.
     pub latches: bool,
-    /// Steps of the host's haptic loop that are left out after each.
-    pub left_out: u32,
+    /// Number of the host's haptic steps that are skipped after each.
+    pub skipped: u32,
 }
 
-impl Cruelty {
-    /// Milliseconds from one step of the host's haptic loop to the next.
+impl Impairments {
+    /// Returns the time between steps of the host's haptic loop, ms.
     pub fn every(&self) -> u32 {
-        1 + self.left_out
+        1 + self.skipped
     }
 
-    /// The longest that the wire's way to the device takes, s.
-    fn longest_way(&self) -> f64 {
-        self.latency.1 + self.jitter + if self.overtaken > 0.0 { LONGEST_DETOUR } else { 0.0 }
+    /// Returns the longest latency to the device, s.
+    fn max_latency(&self) -> f64 {
+        self.latency.1 + self.jitter + if self.overtaken > 0.0 { MAX_OVERTAKEN_DELAY } else { 0.0 }
     }
 }
 
-/// What a report that is overtaken takes longer at most, s.
-const LONGEST_DETOUR: f64 = 8e-3;
+/// Largest additional latency of a report that is overtaken, s.
+const MAX_OVERTAKEN_DELAY: f64 = 8e-3;
 
-/// Faults of host and device that the watch must see: to show that it can.
+/// Faults of host and device that the checks must detect.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sabotage {
     /// The host's codec repeats the last force in place of zero.
-    pub stubborn: bool,
-    /// The host's codec sends a hundred times the force that it is asked for.
+    pub repeats: bool,
+    /// The host's codec sends a hundred times the requested force.
     pub hundredfold: bool,
-    /// The device keeps a force for ever.
-    pub keeps: bool,
+    /// The device never drops a force.
+    pub never_drops: bool,
 }
 
-/// The device's specification: an emulated one's forces along the axes, with what the wire takes as its delay.
-pub fn specification(cruelty: &Cruelty) -> Specification {
+/// Returns the device's specification: an emulated one's forces along the axes, with the wire's latency as
+/// its delay.
+pub fn specification(impairments: &Impairments) -> Specification {
     let emulated = Emulation::default().specification;
     Specification {
-        name: "cruel".into(),
+        name: "faulty wire".into(),
         sensed: Axes::TRANSLATION,
         actuated: Axes::TRANSLATION,
         peak_torque: 0.0,
@@ -131,13 +133,13 @@ pub fn specification(cruelty: &Cruelty) -> Specification {
         angular_damping: 0.0,
         encoder_step: 1e-6,
         velocity_delay: 1e-3,
-        delay: 1e-3 + cruelty.latency.0 + cruelty.latency.1 + cruelty.jitter,
+        delay: 1e-3 + impairments.latency.0 + impairments.latency.1 + impairments.jitter,
         handle: None,
         ..emulated
     }
 }
 
-/// CRC-16 (CCITT): sees up to three flipped bits.
+/// Returns the CRC-16 (CCITT), which detects up to three flipped bits.
 fn checksum(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0xffff, |sum, byte| {
         (0..8)
@@ -155,7 +157,7 @@ fn is_sealed(bytes: &[u8]) -> bool {
     bytes.split_last_chunk().is_some_and(|(body, sum)| checksum(body) == u16::from_le_bytes(*sum))
 }
 
-/// Three numbers from a place on.
+/// Decodes three numbers from an offset on.
 fn vector(bytes: &[u8], at: usize) -> DVec3 {
     let number = |axis: usize| {
         let first = at + 4 * axis;
@@ -168,24 +170,24 @@ fn put(bytes: &mut Vec<u8>, vector: DVec3) {
     bytes.extend(vector.to_array().into_iter().flat_map(|x| (x as f32).to_le_bytes()));
 }
 
-/// Whether a counter is ahead of another one.
+/// Returns whether a counter is ahead of another.
 fn is_ahead(counter: u16, of: u16) -> bool {
     counter.wrapping_sub(of) as i16 > 0
 }
 
-/// What the device says of itself.
+/// Report of the device.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct HandSample {
     known: bool,
     counter: u16,
-    /// By the device's clock, µs.
+    /// Time by the device's clock, µs.
     time: u32,
     place: DVec3,
-    /// Whether it has let go by itself.
-    let_go: bool,
+    /// Whether the device has dropped its force.
+    dropped: bool,
 }
 
-/// The device's language.
+/// Codec of the device.
 #[derive(Clone, Debug)]
 pub struct HandCodec {
     checks: bool,
@@ -207,17 +209,17 @@ impl Codec for HandCodec {
         }
         let time = u32::from_le_bytes([report[2], report[3], report[4], report[5]]);
         *sample =
-            HandSample { known: true, counter, time, place: vector(report, 6), let_go: report[18] == 1 };
+            HandSample { known: true, counter, time, place: vector(report, 6), dropped: report[18] == 1 };
         Ok(())
     }
 
     fn is_enabled(&self, sample: &HandSample) -> bool {
-        !sample.let_go
+        !sample.dropped
     }
 
     fn encode(&mut self, wrench: &Wrench, _: &HandSample, say: &mut dyn FnMut(Report)) {
-        let Sabotage { stubborn, hundredfold, .. } = self.sabotage;
-        let force = if stubborn && wrench.force == DVec3::ZERO { self.last } else { wrench.force };
+        let Sabotage { repeats, hundredfold, .. } = self.sabotage;
+        let force = if repeats && wrench.force == DVec3::ZERO { self.last } else { wrench.force };
         self.last = force;
         self.counter = self.counter.wrapping_add(1);
         let mut bytes = self.counter.to_le_bytes().to_vec();
@@ -226,16 +228,16 @@ impl Codec for HandCodec {
     }
 }
 
-/// The handle's motion by the device's clock.
+/// Motion of the handle by the device's clock.
 #[derive(Clone, Debug, Default)]
 pub struct HandMotion {
-    /// The last report's time, µs, and place.
+    /// Time (µs) and position of the last report.
     last: Option<(u32, DVec3)>,
     twist: Twist,
 }
 
-/// Readings further apart tell nothing of the velocity, µs.
-const LONGEST_STEP: i32 = 50_000;
+/// Largest time between readings from which a velocity is computed, µs.
+const MAX_VELOCITY_STEP: i32 = 50_000;
 
 impl Motion for HandMotion {
     type Sample = HandSample;
@@ -245,7 +247,7 @@ impl Motion for HandMotion {
             let last = self.last.replace((sample.time, sample.place));
             let velocity = last.and_then(|(time, place)| {
                 let passed = sample.time.wrapping_sub(time) as i32;
-                (1..=LONGEST_STEP)
+                (1..=MAX_VELOCITY_STEP)
                     .contains(&passed)
                     .then(|| (sample.place - place) / (1e-6 * f64::from(passed)))
             });
@@ -259,10 +261,10 @@ impl Motion for HandMotion {
     }
 }
 
-/// A hand that wants to follow a path, on a handle that the device pushes.
+/// Hand that follows an intended path, on a handle that the device pushes.
 #[derive(Clone, Copy, Debug)]
 struct Hand {
-    /// kg, N/m, N·s/m.
+    /// Mass (kg), stiffness (N/m) and damping (N·s/m).
     mass: f64,
     stiffness: f64,
     damping: f64,
@@ -271,52 +273,54 @@ struct Hand {
 }
 
 impl Hand {
-    /// Where it wants to be: to and fro along x and up and down through z = −10 mm, each second; from `press` (s) on, 25 mm down.
-    fn wanted(time: f64, press: f64) -> DVec3 {
+    /// Returns the intended position: to and fro along x, and up and down through z = −10 mm each second; 25
+    /// mm down from `press` (s) on.
+    fn intended(time: f64, press: f64) -> DVec3 {
         let x = 0.01 * (0.7 * TAU * time).sin();
         let down = ((time - press) / 0.5).clamp(0.0, 1.0);
         let z = -0.005 * (1.0 - (TAU * time).cos()) * (1.0 - down) - 0.025 * down;
         DVec3::new(x, 0.0, z)
     }
 
-    /// A step with a share of the grip.
-    fn step(&mut self, wanted: DVec3, grip: f64, force: DVec3) {
-        let held = self.stiffness * (wanted - self.place) - self.damping * self.velocity;
+    /// Takes a time step with a share of the grip.
+    fn step(&mut self, intended: DVec3, grip: f64, force: DVec3) {
+        let held = self.stiffness * (intended - self.place) - self.damping * self.velocity;
         self.velocity += (grip * held + force) / self.mass * STEP;
         self.place += self.velocity * STEP;
     }
 }
 
-/// What is on its way.
+/// Report in transit.
 #[derive(Clone, Debug)]
 struct Flight {
     sent: f64,
     arrives: f64,
-    /// Whether it says what is so.
+    /// Whether the report is correct.
     right: bool,
     bytes: Vec<u8>,
 }
 
-/// What was seen at the hand.
+/// Observations at the hand.
 #[derive(Clone, Debug, Default)]
 pub struct Findings {
-    /// What was broken, how often, and the worst figure.
+    /// Violated conditions, with their number and the worst value.
     pub broken: BTreeMap<&'static str, (u64, f64)>,
-    /// The largest force, N.
+    /// Largest force, N.
     pub most: f64,
-    /// The largest speed of the hand, m/s.
+    /// Largest speed of the hand, m/s.
     pub fastest: f64,
-    /// The force at the end, N.
+    /// Force at the end, N.
     pub force: DVec3,
-    /// Forces that reached the device.
+    /// Number of forces that reached the device.
     pub taken: u64,
-    /// How often a force of more than 0.2 N became nothing at once.
+    /// Number of times that a force of more than 0.2 N became zero at once.
     pub dropouts: u64,
-    /// The largest force that the device took first after it had let go by itself, N: of that the host may know nothing.
+    /// Largest force that the device accepted first after it had dropped its force, N. The host may not know
+    /// that it did.
     pub regained: f64,
     /// Times from the haptic loop's last step to the write of a force, ns.
     pub ages: Times,
-    /// Times from a force that reached the device to the next, ns.
+    /// Times between forces that reached the device, ns.
     pub gaps: Times,
 }
 
@@ -328,59 +332,59 @@ impl Findings {
     }
 }
 
-/// A force that the device has taken.
+/// Force that the device has accepted.
 #[derive(Clone, Copy, Debug)]
 struct Taken {
     counter: u16,
     sent: f64,
     arrived: f64,
     force: DVec3,
-    /// Whether the device has let go of it by itself.
-    let_go: bool,
+    /// Whether the device has dropped it.
+    dropped: bool,
 }
 
 /// Everything beyond the host's end of the wire.
 struct World {
-    cruelty: Cruelty,
+    impairments: Impairments,
     sabotage: Sabotage,
     rng: StdRng,
-    /// N and N/s.
+    /// Peak force (N) and slew rate (N/s).
     peak: f64,
     slew: f64,
-    /// The time (s), and from when on the hand presses.
+    /// Present time, and time from which the hand presses, s.
     now: f64,
     press: f64,
     hand: Hand,
-    /// The device's time, and when it reports next by that, s; reports sent.
+    /// Device's time and time of its next report, s; number of reports sent.
     clock: f64,
     due: f64,
     counter: u16,
     taken: Option<Taken>,
-    /// What the hand feels, N.
+    /// Force that the hand feels, N.
     force: DVec3,
     to_host: Vec<Flight>,
     to_device: Vec<Flight>,
-    troubles: Vec<(Trouble, f64, f64)>,
-    /// When the host last had a report that is whole and right, and when its haptic loop last stepped, s.
+    faults: Vec<(Fault, f64, f64)>,
+    /// Times of the host's last correct report and of its haptic loop's last step, s.
     heard: f64,
     stepped: f64,
     findings: Findings,
 }
 
 impl World {
-    fn has(&self, trouble: Trouble) -> bool {
-        self.troubles.iter().any(|(kind, from, to)| *kind == trouble && (*from..*to).contains(&self.now))
+    fn has(&self, fault: Fault) -> bool {
+        self.faults.iter().any(|(kind, from, to)| *kind == fault && (*from..*to).contains(&self.now))
     }
 
     fn chance(&mut self, share: f64) -> bool {
         share > 0.0 && self.rng.random_range(0.0..1.0) < share
     }
 
-    /// What comes of bytes that are sent now.
+    /// Returns the deliveries of bytes that are sent now.
     fn carry(&mut self, mut bytes: Vec<u8>, latency: f64) -> Vec<Flight> {
-        let calm = self.now > self.press + CALM;
-        let Cruelty { jitter, lost, doubled, overtaken, cut, flipped, .. } =
-            if calm { Cruelty::default() } else { self.cruelty.clone() };
+        let calm = self.now > self.press + FAULT_FREE_AFTER;
+        let Impairments { jitter, lost, duplicated, overtaken, truncated, flipped, .. } =
+            if calm { Impairments::default() } else { self.impairments.clone() };
         if self.chance(lost) {
             return Vec::new();
         }
@@ -390,14 +394,14 @@ impl World {
                 bytes[bit / 8] ^= 1 << (bit % 8);
             }
         }
-        if self.chance(cut) {
+        if self.chance(truncated) {
             bytes.truncate(bytes.len() / 2);
         }
-        let wrong = self.has(Trouble::Millimetres) || self.has(Trouble::Nonsense);
-        let copies = 1 + usize::from(self.chance(doubled));
+        let wrong = self.has(Fault::Millimetres) || self.has(Fault::Nonsense);
+        let copies = 1 + usize::from(self.chance(duplicated));
         (0..copies)
             .map(|_| {
-                let detour = if self.chance(overtaken) { LONGEST_DETOUR } else { 0.0 };
+                let detour = if self.chance(overtaken) { MAX_OVERTAKEN_DELAY } else { 0.0 };
                 let longer = self.rng.random_range(0.0..=1.0);
                 let arrives = self.now + latency + longer * (jitter + detour);
                 Flight { sent: self.now, arrives, right: !wrong, bytes: bytes.clone() }
@@ -405,7 +409,7 @@ impl World {
             .collect()
     }
 
-    /// The earliest of what has arrived by now.
+    /// Returns the earliest of the reports that have arrived.
     fn arrived(flights: &mut Vec<Flight>, now: f64) -> Option<Flight> {
         let first = (0..flights.len()).min_by(|a, b| flights[*a].arrives.total_cmp(&flights[*b].arrives))?;
         (flights[first].arrives <= now).then(|| flights.swap_remove(first))
@@ -417,22 +421,22 @@ impl World {
             while let Some(flight) = Self::arrived(&mut self.to_device, self.now) {
                 self.take(&flight);
             }
-            self.let_go();
-            let grip = if self.has(Trouble::LetsGo) { 0.0 } else { 1.0 };
-            self.hand.step(Hand::wanted(self.now, self.press), grip, self.force);
+            self.drop_force();
+            let grip = if self.has(Fault::LetsGo) { 0.0 } else { 1.0 };
+            self.hand.step(Hand::intended(self.now, self.press), grip, self.force);
             self.report();
             self.watch();
         }
     }
 
-    /// Whether the device has let go, and tells it.
+    /// Returns whether the device has dropped its force and reports it.
     fn has_latched(&self) -> bool {
-        self.cruelty.latches && self.taken.is_some_and(|last| last.let_go)
+        self.impairments.latches && self.taken.is_some_and(|last| last.dropped)
     }
 
-    /// The device takes what the host has sent, if it is whole and newer.
+    /// Passes a report of the host to the device, which accepts it if it is intact and newer.
     fn take(&mut self, flight: &Flight) {
-        if self.has(Trouble::Deaf) || self.has(Trouble::Unplugged) {
+        if self.has(Fault::Deaf) || self.has(Fault::Unplugged) {
             return;
         }
         let Flight { sent, ref bytes, .. } = *flight;
@@ -449,8 +453,8 @@ impl World {
             if !is_ahead(counter, last.counter) {
                 return;
             }
-            // A force was computed up to a step before it was sent, and grows by a step's at once.
-            let step = 1e-3 * f64::from(self.cruelty.every());
+            // A force was computed up to a step before it was sent, and may grow by one step's share at once.
+            let step = 1e-3 * f64::from(self.impairments.every());
             let allowed = self.slew * (sent - last.sent + step);
             let grown = grown(force, last.force);
             if grown > allowed + ROUNDING {
@@ -466,12 +470,12 @@ impl World {
         if force.length() > self.peak * (1.0 + ROUNDING) {
             findings.note("above the peak", force.length());
         }
-        if self.taken.is_some_and(|last| last.let_go) {
+        if self.taken.is_some_and(|last| last.dropped) {
             findings.regained = findings.regained.max(force.length());
         }
         findings.taken += 1;
         self.feel(force);
-        self.taken = Some(Taken { counter, sent, arrived: self.now, force, let_go: false });
+        self.taken = Some(Taken { counter, sent, arrived: self.now, force, dropped: false });
     }
 
     fn feel(&mut self, force: DVec3) {
@@ -480,20 +484,21 @@ impl World {
         self.force = force;
     }
 
-    /// The device lets go where it hears nothing. What it takes next may be anything: it was told that way.
-    fn let_go(&mut self) {
+    /// Makes the device drop its force if it receives nothing. The next force may have any size, since the
+    /// device has reported that.
+    fn drop_force(&mut self) {
         let waited = self.taken.map_or(0.0, |taken| self.now - taken.arrived);
-        let unplugged = self.has(Trouble::Unplugged);
-        if (waited > DEVICE_TIMEOUT || unplugged) && !self.sabotage.keeps {
+        let unplugged = self.has(Fault::Unplugged);
+        if (waited > DEVICE_TIMEOUT || unplugged) && !self.sabotage.never_drops {
             self.feel(DVec3::ZERO);
             if let Some(taken) = &mut self.taken {
-                (taken.force, taken.let_go) = (DVec3::ZERO, true);
+                (taken.force, taken.dropped) = (DVec3::ZERO, true);
             }
         }
     }
 
     fn report(&mut self) {
-        let Cruelty { clock_rate, clock_jumps, latency, .. } = self.cruelty;
+        let Impairments { clock_rate, clock_jumps, latency, .. } = self.impairments;
         self.clock += STEP * (1.0 + clock_rate);
         if self.chance(clock_jumps * STEP) {
             self.clock += self.rng.random_range(-0.02..0.02);
@@ -503,35 +508,35 @@ impl World {
             return;
         }
         self.due = self.clock.max(self.due + REPORT_PERIOD);
-        if self.has(Trouble::Silent) || self.has(Trouble::Unplugged) {
+        if self.has(Fault::Silent) || self.has(Fault::Unplugged) {
             return;
         }
-        let unit = if self.has(Trouble::Millimetres) { 1e3 } else { 1.0 };
+        let unit = if self.has(Fault::Millimetres) { 1e3 } else { 1.0 };
         self.counter = self.counter.wrapping_add(1);
         let mut bytes = self.counter.to_le_bytes().to_vec();
         bytes.extend(((self.clock * 1e6) as i64 as u32).to_le_bytes());
-        if self.has(Trouble::Nonsense) {
+        if self.has(Fault::Nonsense) {
             bytes.extend((0..12).map(|_| self.rng.random_range(0..=u8::MAX)));
         } else {
             put(&mut bytes, unit * self.hand.place);
         }
         bytes.push(u8::from(self.has_latched()));
         let flights = self.carry(sealed(bytes), latency.0);
-        let room = WAITING - self.to_host.len().min(WAITING);
+        let room = MAX_PENDING - self.to_host.len().min(MAX_PENDING);
         self.to_host.extend(flights.into_iter().take(room));
     }
 
-    /// What must hold of the force on the hand at any time.
+    /// Checks the conditions on the force on the hand that hold at all times.
     fn watch(&mut self) {
         let speed = self.hand.velocity.length();
         self.findings.fastest = self.findings.fastest.max(speed);
         if !speed.is_finite() {
-            self.findings.note("a hand that is nowhere", 1.0);
+            self.findings.note("the hand's speed is not finite", 1.0);
         }
         if self.force == DVec3::ZERO {
             return;
         }
-        // A device that hears nothing keeps the last force until it lets go by itself.
+        // A device that receives nothing never_drops the last force until it drops it.
         let unheard = self.taken.map_or(0.0, |taken| self.now - taken.arrived);
         if unheard > DEVICE_TIMEOUT + STEP {
             self.findings.note("kept by the device", unheard);
@@ -539,7 +544,7 @@ impl World {
         for (what, since) in
             [("long after the last report", self.heard), ("long after the last step", self.stepped)]
         {
-            let late = self.now - since - unheard - self.cruelty.longest_way();
+            let late = self.now - since - unheard - self.impairments.max_latency();
             if late > FAULT_TIME + STEP {
                 self.findings.note(what, late);
             }
@@ -547,33 +552,34 @@ impl World {
     }
 }
 
-/// How far a force is from what the last one may have shrunk to along itself.
+/// Returns the distance of a force from the nearest to which the last one may have shrunk along its
+/// direction.
 fn grown(now: DVec3, last: DVec3) -> f64 {
     let length = last.length_squared();
     let part = if length > 0.0 { (now.dot(last) / length).clamp(0.0, 1.0) } else { 0.0 };
     now.distance(last * part)
 }
 
-/// The device's end of the wire, and the hand behind it.
+/// Device's end of the wire, and the hand behind it.
 #[derive(Clone)]
-pub struct CruelWire {
+pub struct FaultyWire {
     world: Arc<Mutex<World>>,
-    /// The start of its time, where that is real.
+    /// Start of real time, if it runs in real time.
     start: Option<Instant>,
 }
 
-impl CruelWire {
-    /// One for `seconds`: in the last the hand presses and there are no troubles, and in the last 0.4 s nothing is lost. A force is to
-    /// grow by no more than the slew, N/s.
-    pub fn new(cruelty: Cruelty, sabotage: Sabotage, seed: u64, seconds: f64, slew: f64) -> Self {
+impl FaultyWire {
+    /// Returns a wire for `seconds`: in the last second the hand presses and there are no faults, and in the
+    /// last 0.4 s nothing is lost. The force may grow no faster than `slew`, N/s.
+    pub fn new(impairments: Impairments, sabotage: Sabotage, seed: u64, seconds: f64, slew: f64) -> Self {
         let mut rng = StdRng::seed_from_u64(seed);
         let press = seconds - 1.0;
-        let mut troubles = Vec::new();
-        for kind in &cruelty.troubles {
+        let mut faults = Vec::new();
+        for kind in &impairments.faults {
             let mut from = rng.random_range(0.3..0.6);
             while from < press {
                 let to = from + rng.random_range(0.005..0.12);
-                troubles.push((*kind, from, to));
+                faults.push((*kind, from, to));
                 from = to + rng.random_range(0.1..0.4);
             }
         }
@@ -583,8 +589,8 @@ impl CruelWire {
         let hand = Hand { mass, stiffness, damping, place: DVec3::ZERO, velocity: DVec3::ZERO };
         let clock = rng.random_range(0.0..5000.0);
         let world = World {
-            peak: specification(&cruelty).peak_force,
-            cruelty,
+            peak: specification(&impairments).peak_force,
+            impairments,
             sabotage,
             rng,
             slew,
@@ -598,7 +604,7 @@ impl CruelWire {
             force: DVec3::ZERO,
             to_host: Vec::new(),
             to_device: Vec::new(),
-            troubles,
+            faults,
             heard: 0.0,
             stepped: 0.0,
             findings: Findings::default(),
@@ -606,7 +612,7 @@ impl CruelWire {
         Self { world: Arc::new(Mutex::new(world)), start: None }
     }
 
-    /// Its time is real from now on.
+    /// Runs in real time from now on.
     pub fn run(&mut self) {
         self.start = Some(Instant::now());
     }
@@ -619,52 +625,52 @@ impl CruelWire {
         world
     }
 
-    /// Lets the time pass up to a time, s.
+    /// Advances to a time, s.
     pub fn advance(&self, to: f64) {
         self.lock().advance(to);
     }
 
-    /// Whether there is a trouble now.
-    pub fn has(&self, trouble: Trouble) -> bool {
-        self.lock().has(trouble)
+    /// Returns whether a fault is present.
+    pub fn has(&self, fault: Fault) -> bool {
+        self.lock().has(fault)
     }
 
-    /// The host's haptic loop has made a step.
+    /// Notes a step of the host's haptic loop.
     pub fn note_step(&self) {
         let mut world = self.lock();
         world.stepped = world.now;
     }
 
-    /// Its host's side, with a codec that is sabotaged as asked for.
+    /// Returns the host's end, with a codec sabotaged as requested.
     pub fn link(&self) -> Link<HandCodec, HandMotion> {
         let world = self.lock();
         Link {
             codec: HandCodec {
-                checks: !world.cruelty.unchecked,
+                checks: !world.impairments.unchecked,
                 sabotage: world.sabotage,
                 counter: 0,
                 last: DVec3::ZERO,
             },
             motion: HandMotion::default(),
-            specification: specification(&world.cruelty),
+            specification: specification(&world.impairments),
             read_timeout: Duration::from_millis(5),
             silence: 0.01,
         }
     }
 
-    /// Opens it, unless it is unplugged.
+    /// Opens the wire, unless the device is unplugged.
     pub fn open(&self) -> Option<Box<dyn Transport>> {
-        (!self.has(Trouble::Unplugged)).then(|| Box::new(self.clone()) as Box<dyn Transport>)
+        (!self.has(Fault::Unplugged)).then(|| Box::new(self.clone()) as Box<dyn Transport>)
     }
 
-    /// What was seen up to now.
+    /// Returns the observations so far.
     pub fn findings(&self) -> Findings {
         let world = self.lock();
         Findings { force: world.force, ..world.findings.clone() }
     }
 }
 
-impl Transport for CruelWire {
+impl Transport for FaultyWire {
     fn read(
         &mut self,
         report: &mut [u8; LONGEST_REPORT],
@@ -673,7 +679,7 @@ impl Transport for CruelWire {
         let begun = Instant::now();
         loop {
             let mut world = self.lock();
-            if world.has(Trouble::Unplugged) {
+            if world.has(Fault::Unplugged) {
                 return Err(TransportError::Disconnected);
             }
             let now = world.now;
@@ -694,10 +700,10 @@ impl Transport for CruelWire {
 
     fn write(&mut self, report: &[u8]) -> Result<(), TransportError> {
         let mut world = self.lock();
-        if world.has(Trouble::Unplugged) {
+        if world.has(Fault::Unplugged) {
             return Err(TransportError::Disconnected);
         }
-        let failing = world.cruelty.failing;
+        let failing = world.impairments.failing;
         if world.chance(failing) {
             return Err(TransportError::Failed);
         }
@@ -705,7 +711,7 @@ impl Transport for CruelWire {
         if report.len() == COMMAND && vector(report, 2) != DVec3::ZERO {
             world.findings.ages.record((age * 1e9) as u64);
         }
-        let latency = world.cruelty.latency.1;
+        let latency = world.impairments.latency.1;
         let flights = world.carry(report.to_vec(), latency);
         world.to_device.extend(flights);
         Ok(())
