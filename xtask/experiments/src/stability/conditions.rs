@@ -31,9 +31,8 @@ pub struct SampledWall {
 }
 
 impl SampledWall {
-    /// Colgate and Schenkel 1994: b > K T/2 +
-    /// B
-    /// . Assumes a velocity that is the backward difference of an exact position, and no delay.
+    /// Colgate and Schenkel 1994: b > K T/2 + |B|. Assumes a velocity that is the backward difference of
+    /// an exact position, and no delay.
     pub fn colgate_schenkel(&self) -> bool {
         self.device_damping > 0.5 * self.stiffness * self.period + self.damping.abs()
     }
@@ -160,9 +159,7 @@ impl Shake {
     }
 }
 
-/// Complex numbers: e^(jφ), a b and
-/// a
-/// ².
+/// Complex numbers as pairs: e^(jφ), a b and |a|².
 fn turned(angle: f64) -> (f64, f64) {
     (angle.cos(), angle.sin())
 }
