@@ -44,7 +44,7 @@ pub struct ToolFile {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ToolPart {
-    /// Mesh file, `.clod` file or built-in model, as in [`Object::open`].
+    /// Mesh file, `.clod` file or built-in model, as in [`Object::open`](crate::Object::open).
     pub model: String,
     /// Mass, kg.
     pub mass: f64,
