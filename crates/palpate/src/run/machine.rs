@@ -63,7 +63,7 @@ impl MachineSample {
         }
     }
 
-    /// What happened since an earlier sample that the same thread took.
+    /// Load since an earlier sample that the same thread took.
     pub fn since(&self, earlier: &Self) -> MachineLoad {
         let both = self.processors.zip(earlier.processors);
         let time = both.map(|(now, then)| ProcessorTime {

@@ -68,7 +68,7 @@ impl<T: Tool> HapticRenderer<T> {
         let (records, consumer) = record_ring();
         let channels = (0..self.contacts.len()).map(|body| channels(self.haptic.tool.body_state(body)));
         let (to_contacts, from_haptic): (Vec<_>, Vec<_>) = channels.unzip();
-        // Whatever ends one of the threads, a panic included, must end the others.
+        // A thread that ends, even by a panic, must end the others.
         let ended = AtomicBool::new(false);
         let mut recorder = Recorder { records: consumer, sink, result: Ok(()) };
         let mut haptic = HapticThread {

@@ -40,8 +40,11 @@ pub struct Object {
     /// Surface of the hierarchy without texture, made on first use.
     plain: Arc<OnceLock<Arc<TexturedSurface>>>,
     /// Fields made so far with their options, the oldest first.
-    fields: Arc<Mutex<Vec<(FieldOptions, Arc<Field>)>>>,
+    fields: Arc<Mutex<Vec<KeptField>>>,
 }
+
+/// Field with the options that it was made with.
+type KeptField = (FieldOptions, Arc<Field>);
 
 /// Options of [`Object::open`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -319,9 +322,8 @@ impl Object {
     /// If the surface is not closed.
     pub fn field(&self, options: FieldOptions) -> Result<Arc<Field>, FieldError> {
         let fields = || self.fields.lock().unwrap_or_else(PoisonError::into_inner);
-        let kept = |fields: &[(FieldOptions, Arc<Field>)]| {
-            fields.iter().find(|(of, _)| *of == options).map(|(_, field)| field.clone())
-        };
+        let kept =
+            |fields: &[KeptField]| fields.iter().find(|(of, _)| *of == options).map(|kept| kept.1.clone());
         if let Some(known) = kept(&fields()) {
             return Ok(known);
         }

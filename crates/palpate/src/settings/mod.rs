@@ -177,7 +177,7 @@ pub struct ToolSettings {
     /// Frame, fixed to the grasped object and given in its mesh's frame, that the virtual coupling acts on;
     /// by default at the centre of mass.
     ///
-    /// By default the device's [handle](ToolSettings::handle) is there too: to hold a tool by its handle, set
+    /// The device's [handle](ToolSettings::handle) is there too by default: to hold a tool by its handle, set
     /// the grasp to the handle's position in the mesh. Only the grasp's position matters, since the coupling
     /// is equally stiff in all directions.
     pub grasp: Option<Pose>,
