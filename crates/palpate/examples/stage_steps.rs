@@ -1,10 +1,16 @@
-//! Runs the steps of small scenes that differ by one stage each, to be timed and counted by the benchmark `stages`.
+//! Steps of small scenes that differ by one stage each, to be timed and counted by the benchmark `stages`.
 //!
-//! It is an example of this crate, and not of a crate that links all features, so that it can be built with and without
-//! them. `stage_steps make FOLDER` writes the objects' hierarchies; `stage_steps steps SCENE COUNT FOLDER` runs so many steps of
-//! both loops, in one thread, after as many that do not count, and prints median times; `stage_steps session SCENE SECONDS
-//! FOLDER` runs a session in real time and prints how many threads it has, and what computes textures. Contact steps,
-//! haptic steps and clustering by itself are functions of their own, which a profiler finds by name.
+//! It is an example of this crate, and not of a crate that links all features, so that it can be built with
+//! and without them.
+//!
+//! - `stage_steps list` prints the names of the scenes.
+//! - `stage_steps make FOLDER` writes the objects' hierarchies.
+//! - `stage_steps steps SCENE COUNT FOLDER` runs COUNT steps of both loops in one thread, after as many
+//!   warm-up steps, and prints median times.
+//! - `stage_steps session SCENE SECONDS FOLDER` runs a session in real time, and prints its number of threads
+//!   and the backend of textures.
+//!
+//! Contact steps, haptic steps and clustering alone are separate functions, which a profiler finds by name.
 
 #![allow(clippy::print_stdout, reason = "its output is read by the benchmark")]
 
@@ -33,37 +39,40 @@ type Failure = Box<dyn Error>;
 
 /// Period of both loops, s.
 const PERIOD: f64 = 1e-3;
-/// How far the hand presses past the first touch, m, and the radius of the circle on which it strokes, m, twice a second.
+/// Depth by which the hand presses past the first touch, m.
 const PRESS: f64 = 1e-3;
-const STROKE: f64 = 5e-4;
-const RATE: f64 = 2.0;
-/// Ridges of textured plates, m.
-const SPACING: f64 = 5e-3;
-const HEIGHT: f64 = 5e-4;
+/// Radius of the circle on which the hand strokes, m.
+const STROKE_RADIUS: f64 = 5e-4;
+/// Rate of the strokes, Hz.
+const STROKE_RATE: f64 = 2.0;
+/// Distance between the ridges of textured plates, m.
+const RIDGE_SPACING: f64 = 5e-3;
+/// Height of the ridges of textured plates, m.
+const RIDGE_HEIGHT: f64 = 5e-4;
 
-/// The probe of all scenes: one convex hull.
+/// Probe of all scenes: one convex hull.
 const PROBE: &str = "ellipsoid@500";
 const BALL: &str = "golf-ball@5000";
 const PLATE: &str = "plate";
 
-/// Where a second object is.
+/// Place of a second object.
 #[derive(Clone, Copy, PartialEq)]
 enum Second {
     None,
     /// Ten radii away.
     Away,
-    /// Over the probe, which touches both.
+    /// Above the probe, which touches both objects.
     Touching,
 }
 
-/// What is in a scene, and what is switched on.
+/// Objects and settings of a scene.
 struct Stage {
     name: &'static str,
     object: &'static str,
     second: Second,
     textured: bool,
     watched: bool,
-    /// Changes settings; it is given the probe's radius, m.
+    /// Changes settings; the argument is the probe's radius, m.
     set: fn(&mut Settings, f64),
 }
 
@@ -122,7 +131,8 @@ fn main() -> Result<(), Failure> {
                 Object::model(name)?.clod.save(&Path::new(folder).join(format!("{name}.clod")))?;
             }
         }
-        // Padded to one length: where the stack lies, and so how copies are aligned on it, depends on the arguments.
+        // Names are padded to one length, because the alignment of the stack depends on the arguments'
+        // length.
         ["steps", stage, count, folder] => steps(stage_named(stage)?, count.parse()?, folder)?,
         ["session", stage, seconds, folder] => session(stage_named(stage)?, seconds.parse()?, folder)?,
         _ => {
@@ -148,18 +158,19 @@ fn open(name: &str, textured: bool, folder: &str) -> Result<Object, Failure> {
     Ok(if textured { object.with_texture(ridges()?) } else { object })
 }
 
-/// The plate with ridges.
+/// Surface of the plate with ridges.
 fn ridges() -> Result<TexturedSurface, Failure> {
     const TEXELS: u32 = 64;
-    let ridge = (0..TEXELS).map(|i| 0.5 * HEIGHT * (TAU * (f64::from(i) + 0.5) / f64::from(TEXELS)).cos());
+    let ridge =
+        (0..TEXELS).map(|i| 0.5 * RIDGE_HEIGHT * (TAU * (f64::from(i) + 0.5) / f64::from(TEXELS)).cos());
     let image = HeightImage::new(TEXELS, 1, ridge.map(|height| height as f32).collect(), [Wrap::Repeat; 2])?;
-    let texel = SPACING / f64::from(TEXELS);
+    let texel = RIDGE_SPACING / f64::from(TEXELS);
     let mesh = Model::Plate.generate(Model::Plate.default_triangles())?;
-    let mesh = UvMesh::projected(mesh, |corner| DVec2::new(corner.x / SPACING, corner.y / texel))?;
+    let mesh = UvMesh::projected(mesh, |corner| DVec2::new(corner.x / RIDGE_SPACING, corner.y / texel))?;
     Ok(TexturedSurface::textured(&mesh, &image, 0.5)?)
 }
 
-/// Where a probe that comes down along z over an object's middle first touches it.
+/// Position at which a probe that descends along z onto an object's middle first touches it.
 fn first_touch(probe: &Object, object: &Object) -> Result<DVec3, Failure> {
     let settings = QuerySettings::new(0.1 * probe.bounding_radius());
     let mut query = ContactQuery::new(probe.shape(), object.shape());
@@ -176,7 +187,7 @@ fn first_touch(probe: &Object, object: &Object) -> Result<DVec3, Failure> {
     Err("the probe never touches".into())
 }
 
-/// The session, with the hand that presses the probe on the object and strokes it.
+/// Makes the session, with a hand that presses the probe on the object and strokes it.
 fn renderer(stage: &Stage, folder: &str) -> Result<(HapticRenderer, DVec3), Failure> {
     let probe = open(PROBE, false, folder)?;
     let object = open(stage.object, stage.textured, folder)?;
@@ -198,11 +209,11 @@ fn renderer(stage: &Stage, folder: &str) -> Result<(HapticRenderer, DVec3), Fail
     Ok((HapticRenderer::new(probe, scene, Box::new(device), settings)?, touch))
 }
 
-/// Where the hand is, and how it moves.
+/// Pose and velocity of the hand.
 fn motion(touch: DVec3, time: f64) -> (Pose, Twist) {
-    let (sin, cos) = (TAU * RATE * time).sin_cos();
-    let pose = Pose::from_translation(touch + DVec3::new(STROKE * cos, STROKE * sin, -PRESS));
-    (pose, Twist::new(TAU * RATE * STROKE * DVec3::new(-sin, cos, 0.0), DVec3::ZERO))
+    let (sin, cos) = (TAU * STROKE_RATE * time).sin_cos();
+    let pose = Pose::from_translation(touch + DVec3::new(STROKE_RADIUS * cos, STROKE_RADIUS * sin, -PRESS));
+    (pose, Twist::new(TAU * STROKE_RATE * STROKE_RADIUS * DVec3::new(-sin, cos, 0.0), DVec3::ZERO))
 }
 
 #[inline(never)]
@@ -221,16 +232,15 @@ fn counted_clustering(clustering: &mut Clustering, contacts: &[PatchContact], po
     clustering.run(contacts, 1e-3, pose).len()
 }
 
+/// Runs warm-up steps, then measured steps, and prints median times.
 fn steps(stage: &Stage, count: u32, folder: &str) -> Result<(), Failure> {
     let (mut renderer, touch) = renderer(stage, folder)?;
-    let mut watch = stage.watched.then(|| renderer.contact_monitor());
+    let mut monitor = stage.watched.then(|| renderer.contact_monitor());
     let clusters = renderer.settings().search.clusters;
-    let (mut haptic, mut contact, device) = renderer.into_loops();
+    let (mut haptic, mut contact, mut device) = renderer.into_loops();
     let mut clustering = Clustering::new(clusters);
-    let mut state = {
-        let mut device = device;
-        device.read(0.0)?
-    };
+    let mut state = device.read(0.0)?;
+    drop(device);
     let (mut contact_times, mut haptic_times, mut contacts) = (Times::new(), Times::new(), 0);
     for step in 0..2 * count {
         let time = f64::from(step + 1) * PERIOD;
@@ -252,8 +262,8 @@ fn steps(stage: &Stage, count: u32, folder: &str) -> Result<(), Failure> {
         contacts += update.contacts;
         let contacts: Vec<_> = contact.contacts().copied().collect();
         black_box(counted_clustering(&mut clustering, &contacts, &body.pose));
-        if let Some(watch) = &mut watch {
-            black_box(watch.latest());
+        if let Some(monitor) = &mut monitor {
+            black_box(monitor.latest());
         }
     }
     println!("contact_ns {}", contact_times.percentiles(1.0).p50);
@@ -262,10 +272,11 @@ fn steps(stage: &Stage, count: u32, folder: &str) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Runs a session in real time, and prints its number of threads and the backend of textures.
 fn session(stage: &Stage, seconds: f64, folder: &str) -> Result<(), Failure> {
     let before = threads();
     let (mut renderer, _) = renderer(stage, folder)?;
-    let _watch = stage.watched.then(|| renderer.contact_monitor());
+    let _monitor = stage.watched.then(|| renderer.contact_monitor());
     println!("textures {}", renderer.stages()["textures"]);
     let mut most = 0;
     renderer.run_realtime(seconds, &AtomicBool::new(false), |_| {
@@ -278,7 +289,7 @@ fn session(stage: &Stage, seconds: f64, folder: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Of this process; 0 where the system does not tell.
+/// Number of threads of this process; 0 if the system does not report it.
 fn threads() -> usize {
     std::fs::read_dir("/proc/self/task").map_or(0, Iterator::count)
 }

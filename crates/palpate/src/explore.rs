@@ -1,4 +1,4 @@
-//! What an emulated hand does in a scene when it is not given a path: a [`Task`] where the probe first touches the scene.
+//! Tasks for an emulated hand without a path: it does a [`Task`] where the probe first touches the scene.
 
 use palpate_collide::{QuerySettings, SceneQuery};
 use palpate_core::glam::DVec3;
@@ -13,11 +13,11 @@ use crate::scene::object::Object;
 use crate::scene::placement::HandlePlacement;
 use crate::settings::Settings;
 
-/// Most steps of the descent to first touch.
-const MAX_DESCENT: usize = 4000;
+/// Largest number of steps of the descent to first touch. With fewer, the descent may end above the scene.
+const MAX_DESCENT_STEPS: usize = 4000;
 
-/// Opens a device by its address, as [`palpate_device::open`] does, except that the hand of an emulated one does its task
-/// (`emulated:PRESET,task=NAME`; [`Task::Explore`] where none is named) in `scene` with `probe`.
+/// Opens a device by its address, as [`palpate_device::open`] does, except that the hand of an emulated
+/// device does its task (`emulated:PRESET,task=NAME`; [`Task::Explore`] by default) in `scene` with `probe`.
 ///
 /// # Errors
 /// If there is no such device, or it cannot be opened.
@@ -29,9 +29,10 @@ pub fn open_device(
     open_device_for(address, probe, scene, &Settings::default())
 }
 
-/// [`open_device`] for a session with other settings: wherever they put the handle on the probe, and the device's workspace in the
-/// world, the hand moves so that the probe does its task in the scene all the same, but in movements no larger than the workspace. A
-/// path from a file is one of the probe's mesh frame ([`mesh_path`]).
+/// Opens a device as [`open_device`] does, for a session with other settings. Wherever they place the handle
+/// on the probe and the device's workspace in the world, the hand moves so that the probe does its task in
+/// the scene, with movements no larger than the workspace. A path from a file is that of the probe's mesh
+/// frame ([`mesh_path`]).
 ///
 /// # Errors
 /// As [`open_device`].
@@ -58,8 +59,8 @@ pub fn open_device_for(
     Ok(Box::new(hand.open(path)?))
 }
 
-/// [`open_device_for`], except that the hand of an emulated device whose address names neither a task nor a path goes where
-/// it is steered to, from over the middle of the scene on.
+/// Opens a device as [`open_device_for`] does, except that the hand of an emulated device whose address names
+/// neither a task nor a path follows the returned steering. It starts above the middle of the scene.
 ///
 /// # Errors
 /// As [`open_device`].
@@ -80,8 +81,9 @@ pub fn open_steered_device(
     }
 }
 
-/// Where the hand means the handle of a device to be, to do a task with the default settings: the probe comes down the world's z axis
-/// onto the middle of the scene, and what a task's lengths are multiples of is the probe's bounding radius.
+/// Path that the hand intends for the handle, to do a task with the default settings: the probe descends
+/// along the world's z axis to the middle of the scene. A task's lengths are multiples of the probe's
+/// bounding radius.
 ///
 /// # Errors
 /// If an object is so large or so far away that a pose is out of a path's range.
@@ -90,8 +92,9 @@ pub fn path(task: Task, probe: &Object, scene: &Scene) -> Result<IntendedPath, P
     placed_path(task, probe, scene, (&HandlePlacement::holding(&Settings::default(), handle), f64::INFINITY))
 }
 
-/// Where the hand means the handle to be for the mesh's frame to follow a path of a device whose handle is at the mesh's origin,
-/// wherever the handle is placed on the mesh. At the end of the path it stays.
+/// Path that the hand intends for the handle, wherever it is placed on the mesh, so that the mesh's frame
+/// follows a recorded path. The recorded path is one of a device whose handle is at the mesh's origin. At its
+/// end the hand stays.
 pub fn mesh_path(path: MotionPath, settings: &Settings, placement: HandlePlacement) -> IntendedPath {
     let at_origin = HandlePlacement::holding(settings, DVec3::ZERO);
     let arm = placement.handle() / settings.device.workspace_scale;
@@ -104,8 +107,9 @@ pub fn mesh_path(path: MotionPath, settings: &Settings, placement: HandlePlaceme
     })
 }
 
-/// [`path`] of a device that is placed otherwise, and whose workspace reaches so far (m) in the scene. No hand moves in sizes of
-/// something larger, nor turns it about a place that is further from the handle.
+/// Path as [`path`], with a placement of the device and the radius (m) of its workspace in the scene. If the
+/// probe is larger than the workspace, lengths are multiples of the workspace's radius, and the probe rotates
+/// about the handle.
 fn placed_path(
     task: Task,
     probe: &Object,
@@ -119,15 +123,15 @@ fn placed_path(
     IntendedPath::cycle(task.cycle(), |time| placement.device_pose(&task.pose(time, &site)))
 }
 
-/// Where the probe does a task in the scene.
+/// Site in the scene where the probe does a task.
 fn site(task: Task, probe: &Object, scene: &Scene) -> TaskSite {
     let size = probe.bounding_radius();
     let touch = first_touch(probe, scene, task.beside() * size);
     TaskSite { touch, pivot: probe.clod.source.center, size }
 }
 
-/// Where the mesh frame of the probe, unrotated, is when it first touches the scene on its way down, so far beside the middle of
-/// the scene.
+/// Position of the probe's mesh frame, not rotated, at its first touch of the scene while it descends at an
+/// offset from the middle of the scene.
 ///
 /// Conservative advancement: each step is no longer than the distance that the query reports.
 fn first_touch(probe: &Object, scene: &Scene, beside: DVec3) -> DVec3 {
@@ -153,7 +157,7 @@ fn first_touch(probe: &Object, scene: &Scene, beside: DVec3) -> DVec3 {
         query.add(placed.object.shape(), &placed.pose);
     }
     let mut position = top;
-    for _ in 0..MAX_DESCENT {
+    for _ in 0..MAX_DESCENT_STEPS {
         let Ok(outcome) = query.run(&Pose::from_translation(position), &settings) else { break };
         let nearest = outcome.query.deepest.map_or(settings.tolerance, |depth| -depth);
         if nearest < 1e-4 * radius || position.z < bottom {
@@ -172,9 +176,10 @@ mod tests {
     use super::*;
     use crate::settings::DeviceSettings;
 
-    /// Wherever the handle is, the mesh goes where the file has it, and the handle as fast as it gets there.
+    /// The mesh follows the recorded path with any place of the handle, and the handle's velocity is the
+    /// derivative of its position.
     #[test]
-    fn a_path_of_the_mesh_is_followed_with_any_handle() {
+    fn the_mesh_follows_a_recorded_path_with_any_handle() {
         let frame = Pose::new(DVec3::new(0.2, -0.1, 0.3), DQuat::from_rotation_z(0.4));
         let settings = Settings {
             device: DeviceSettings { workspace_scale: 2.0, frame, ..DeviceSettings::default() },
@@ -200,8 +205,8 @@ mod tests {
             assert!(mesh.translation.distance(wanted.translation) < 1e-12, "{time} s");
             assert!(mesh.rotation_vector_to(&wanted).length() < 1e-12, "{time} s");
             let h = 1e-6;
-            let way = intended(time + h).0.translation - intended(time - h).0.translation;
-            assert!((way / (2.0 * h) - twist.linear).length() < 1e-6, "{time} s: {twist:?}");
+            let shift = intended(time + h).0.translation - intended(time - h).0.translation;
+            assert!((shift / (2.0 * h) - twist.linear).length() < 1e-6, "{time} s: {twist:?}");
         }
     }
 }

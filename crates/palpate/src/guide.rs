@@ -6,14 +6,15 @@
 //! 2. [A first scene](first_scene): a complete program.
 //! 3. [Own models](own_models): formats, scale, repair, hierarchies built ahead of time.
 //! 4. [Contact queries](contact_queries): contacts, distances and forces of two objects, without a session.
-//! 5. [Choosing accuracy](choosing_accuracy): what may be left out, what that saves, and how to measure it.
-//! 6. [Stability](stability): what it rests on, and what to change when it buzzes.
-//! 7. [Devices](devices): how they are opened, and how to write a driver.
+//! 5. [Choosing accuracy](choosing_accuracy): detail that may be left out, the time that this saves, and how
+//!    to measure it.
+//! 6. [Stability](stability): its causes, and changes that help when a session buzzes.
+//! 7. [Devices](devices): how to open them, and how to write a driver.
 //! 8. [Embedding](embedding): sessions in a program's own threads or beside them.
 //! 9. [Troubleshooting](troubleshooting): symptom, cause, remedy.
 //!
-//! `docs/glossary.md` in the repository explains the terms. This module exists in the documentation only; programs do not see it.
-//! Every example is a test.
+//! `docs/glossary.md` in the repository explains the terms. This module exists only in the documentation;
+//! programs do not see it. Every example is a test.
 
 /// Two loops, levels of detail, the virtual coupling and the tolerance, in four pictures.
 ///
@@ -37,7 +38,7 @@ pub mod concepts {}
 #[doc = include_str!("../docs/guide/first-scene.md")]
 pub mod first_scene {}
 
-/// From a mesh file to an object that is felt.
+/// Steps from a mesh file to an object that is felt.
 ///
 #[doc = include_str!("../docs/guide/own-models.md")]
 pub mod own_models {}
@@ -47,17 +48,17 @@ pub mod own_models {}
 #[doc = include_str!("../docs/guide/contact-queries.md")]
 pub mod contact_queries {}
 
-/// What may be left out, and what that saves.
+/// Detail that may be left out, and the time that this saves.
 ///
 #[doc = include_str!("../docs/guide/choosing-accuracy.md")]
 pub mod choosing_accuracy {}
 
-/// What stability rests on, and what to do when a session buzzes.
+/// Causes of instability, and remedies when a session buzzes.
 ///
 #[doc = include_str!("../docs/guide/stability.md")]
 pub mod stability {}
 
-/// How devices are named and opened, and how to write a driver.
+/// Names of devices, how to open them, and how to write a driver.
 ///
 #[doc = include_str!("../docs/guide/devices.md")]
 pub mod devices {}

@@ -1,26 +1,28 @@
-//! palpate: 6-DoF haptic rendering. A user holds a device, the device holds a virtual object, and palpate computes the
-//! force and torque of touching other objects, at 1 kHz.
+//! palpate: 6-DoF haptic rendering. A user holds a device, the device holds a virtual object, and palpate
+//! computes the force and torque of contact with other objects, at 1 kHz.
 //!
-//! A session is a [`HapticRenderer`]: an [`Object`] in the hand, a [`Scene`] around it, a [`device::HapticDevice`] and
-//! [`Settings`]. It runs in real time ([`HapticRenderer::run_realtime`]), on a simulated clock and reproducibly
-//! ([`HapticRenderer::run_lockstep`]), or in the loops of a host ([`HapticRenderer::into_loops`]).
+//! A session is a [`HapticRenderer`]: an [`Object`] in the hand, a [`Scene`] around it, a
+//! [`device::HapticDevice`] and [`Settings`]. It runs in real time ([`HapticRenderer::run_realtime`]),
+//! reproducibly on a simulated clock ([`HapticRenderer::run_lockstep`]), or in the loops of a host
+//! ([`HapticRenderer::into_loops`]).
 //!
-//! The parts are crates of their own, re-exported here: [`core`], [`collide`], [`dynamics`], [`device`], and offline
-//! [`mesh_io`] and [`clod_build`], and with the feature `models` the built-in ones.
+//! The parts are separate crates, re-exported here: [`core`], [`collide`], [`dynamics`] and [`device`] for
+//! sessions, [`mesh_io`] and [`clod_build`] for offline work, and the built-in `models` with the feature of
+//! that name.
 //!
 #![cfg_attr(
     any(doc, all(doctest, feature = "models")),
-    doc = "The [guide](guide) goes from the concepts to embedding and troubleshooting."
+    doc = "The [guide](guide) leads from the concepts to embedding and troubleshooting."
 )]
 //! # Layers
 //!
 //! Each folder uses only those before it:
 //!
 //! 1. `telemetry`: counts, times and records
-//! 2. `settings`: what a session renders with
-//! 3. `scene`: objects, their fields, and where they are
+//! 2. `settings`: settings of a session
+//! 3. `scene`: objects, their fields and poses
 //! 4. `contact`: the contact loop
-//! 5. `tool`: what the device holds, and its gains
+//! 5. `tool`: tools that the device holds, and their gains
 //! 6. `haptic`: the haptic loop
 //! 7. `run`: the renderer, and the drivers that run the loops
 //! 8. `explore`, `guide`: tasks for an emulated hand, and the guide
@@ -76,7 +78,7 @@ pub use telemetry::Events;
 pub use telemetry::record::Recorded;
 pub use telemetry::record::{Record, RecordWriter};
 
-/// Why something was refused.
+/// Errors of the facade.
 pub mod errors {
     pub use crate::contact::textures::TextureError;
     pub use crate::run::hosted::HostError;
@@ -92,7 +94,7 @@ pub mod errors {
     pub use crate::tool::error::ToolError;
 }
 
-/// Bounds of every wrench that is written to a device, and how they were kept.
+/// Bounds on every wrench that is written to a device, and how well they were kept.
 pub mod promises {
     pub use crate::haptic::heat::WARMTH;
     pub use crate::haptic::invariants::{

@@ -1,4 +1,5 @@
-//! What is told to those who collect spans: the beginning and the end of things, never from the loops' threads.
+//! Spans and events for `tracing`: they are emitted at the beginning and the end of work, never by the loops'
+//! threads.
 
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
@@ -9,7 +10,7 @@ use palpate::{HapticRenderer, Object, Pose};
 use tracing::span::{Attributes, Id, Record};
 use tracing::{Event, Metadata, Subscriber};
 
-/// Notes the names of spans, and who tells of them.
+/// Subscriber that notes the names of spans and events, and the threads that emit them.
 #[derive(Clone, Default)]
 struct Notes(Arc<Mutex<Vec<(&'static str, ThreadId)>>>);
 
@@ -46,7 +47,7 @@ impl Subscriber for Notes {
 }
 
 #[test]
-fn sessions_are_told_of_and_loops_are_silent() {
+fn sessions_emit_spans_and_loops_emit_nothing() {
     let notes = Notes::default();
     tracing::subscriber::set_global_default(notes.clone()).expect("the first");
     let probe = Object::model("ellipsoid@500").expect("a model");

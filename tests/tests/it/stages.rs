@@ -46,14 +46,14 @@ fn stages_report_whether_they_are_on_and_why() {
         &[
             ("contact query", "on: one scene object"),
             ("hierarchy", "probe ellipsoid@500: off, one convex hull; scene ellipsoid@500: off"),
-            ("interpolation between levels", "off: full resolution is asked for"),
+            ("interpolation between levels", "off: full resolution is set"),
             ("friction", "off: its coefficient is 0"),
             ("textures", "off: no object has a haptic texture"),
             ("braking", "on: by its setting"),
             ("proxy", "on: by its setting"),
             ("passivity controller", "off: by its setting"),
             ("time-critical queries", "off: no limit is set"),
-            ("watch", "off: nobody looks on"),
+            ("watch", "off: no monitor"),
         ],
     );
     let jumping = Settings {
@@ -63,7 +63,7 @@ fn stages_report_whether_they_are_on_and_why() {
     check(
         &renderer(&hull, std::slice::from_ref(&ball), jumping),
         &[
-            ("interpolation between levels", "off, as asked for: detail is left out up to 0.001 m"),
+            ("interpolation between levels", "off by its setting: detail is left out up to 0.001 m"),
             ("time-critical queries", "on: at most 100 µs each"),
         ],
     );

@@ -16,8 +16,9 @@ use crate::settings::ContactSearch;
 use crate::settings::live::{ContactTuning, Ramp};
 
 impl ContactLoop {
-    /// Puts a scene object elsewhere, its mesh's frame at a pose in the world, from the next step on; `false` if there is none.
-    /// Contacts are rendered as if the object stood still there ([`SceneEditor::set_pose`]).
+    /// Puts a scene object elsewhere, its mesh's frame at a pose in the world, from the next step on; `false`
+    /// if there is none. Contacts are rendered as if the object stood still there
+    /// ([`SceneEditor::set_pose`]).
     pub fn set_pose(&mut self, object: SceneId, pose: &Pose) -> bool {
         let Some(place) = self.place_of(object) else { return false };
         let Some(InScene { handle, moving, .. }) = &mut self.objects[place] else { return false };
@@ -37,8 +38,8 @@ impl ContactLoop {
         }
     }
 
-    /// Tells where a scene object that moves is at the time of the next step, and how fast; `false` if there is none
-    /// ([`SceneEditor::set_motion`]).
+    /// Tells where a scene object that moves is at the time of the next step, and how fast; `false` if there
+    /// is none ([`SceneEditor::set_motion`]).
     pub fn set_motion(&mut self, object: SceneId, pose: &Pose, twist: &Twist) -> bool {
         self.moving(object).map(|moving| moving.set_motion(pose, twist)).is_some()
     }
@@ -62,8 +63,8 @@ impl ContactLoop {
         Some(&mut moving.get_or_insert_with(made).0)
     }
 
-    /// Adds an object, its mesh's frame at a pose in the world, from the next step on; `false` if there is one of that number,
-    /// or its texture cannot be rendered. Allocates.
+    /// Adds an object, its mesh's frame at a pose in the world, from the next step on; `false` if there is
+    /// one of that number, or its texture cannot be rendered. Allocates.
     pub fn add(&mut self, id: SceneId, object: &Object, pose: &Pose) -> bool {
         let added = self.insert(id, object, pose);
         if let Some(editor) = self.editor.as_ref().filter(|_| added) {
@@ -90,8 +91,8 @@ impl ContactLoop {
         false
     }
 
-    /// Gives an object at a place its field, where contacts are found in these; `false` if it has none and that was asked for. Where it
-    /// was not, contacts are found by levels from now on.
+    /// Gives an object at a place its field, where contacts are found in these; `false` if it has none and
+    /// that was asked for. Where it was not, contacts are found by levels from now on.
     fn insert_field(&mut self, place: usize, object: &Object) -> bool {
         let Some(fields) = &mut self.by_fields else { return true };
         if self.all_settings.search.method == ContactSearch::Automatic
@@ -140,7 +141,8 @@ impl ContactLoop {
         true
     }
 
-    /// Adds an object that follows another session's, as a host is told of its mesh's frame and its origin's velocity.
+    /// Adds an object that follows another session's, as a host is told of its mesh's frame and its origin's
+    /// velocity.
     pub(crate) fn add_following(
         &mut self,
         object: &Object,
@@ -168,7 +170,8 @@ impl ContactLoop {
         SceneId(self.objects.iter().flatten().map(|object| object.id.0 + 1).max().unwrap_or(0))
     }
 
-    /// Makes the textures of the scene anew, if an object that came or went has to do with any; `false` if that cannot be.
+    /// Makes the textures of the scene anew, if an object that came or went has to do with any; `false` if
+    /// that cannot be.
     fn retexture(&mut self, object: &Object) -> bool {
         if self.textures.is_none() && object.texture().is_none() && self.probe.texture().is_none() {
             return true;
@@ -192,8 +195,8 @@ impl ContactLoop {
         self.objects.iter().position(|object| object.as_ref().is_some_and(|object| object.id == id))
     }
 
-    /// An editor that changes the scene from elsewhere, from the next step on. Each call gives another handle to the same
-    /// editor.
+    /// An editor that changes the scene from elsewhere, from the next step on. Each call gives another handle
+    /// to the same editor.
     pub fn editor(&mut self) -> SceneEditor {
         if let Some(editor) = &self.editor {
             return editor.clone();
@@ -207,7 +210,7 @@ impl ContactLoop {
     /// Lets the editor of another loop, which has the same scene, change it here as well.
     pub(crate) fn follow_editor(&mut self, editor: &SceneEditor) {
         if self.editor.is_none() {
-            self.edits = Some(editor.also());
+            self.edits = Some(editor.add_loop());
             self.editor = Some(editor.clone());
         }
     }

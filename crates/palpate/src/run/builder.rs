@@ -1,4 +1,4 @@
-//! Makes a session from what differs from the usual.
+//! Builder of sessions, with defaults for what is not given.
 
 use palpate_core::Pose;
 use palpate_device::{DeviceState, HapticDevice, Specification};
@@ -9,7 +9,7 @@ use crate::scene::Scene;
 use crate::scene::object::Object;
 use crate::settings::Settings;
 
-/// What a session is to be made of, begun by [`HapticRenderer::builder`] and ended by the device that is to be held.
+/// Builder of a session, made by [`HapticRenderer::builder`]. The device comes last, and makes the session.
 ///
 /// ```
 /// use palpate::device::{Emulation, Task};
@@ -31,7 +31,7 @@ use crate::settings::Settings;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
-#[must_use = "a session is made by `on` or `hosted`"]
+#[must_use = "`on` or `hosted` makes the session"]
 pub struct RendererBuilder {
     probe: Object,
     scene: Scene,
@@ -39,35 +39,35 @@ pub struct RendererBuilder {
 }
 
 impl HapticRenderer {
-    /// Begins a session with `probe` in the hand, an empty scene and the usual settings.
+    /// Begins a session with `probe` in the hand, an empty scene and default settings.
     pub fn builder(probe: Object) -> RendererBuilder {
         RendererBuilder { probe, scene: Scene::new(), settings: Settings::default() }
     }
 }
 
 impl RendererBuilder {
-    /// With another scene.
+    /// Sets the scene.
     pub fn scene(self, scene: Scene) -> Self {
         Self { scene, ..self }
     }
 
-    /// With one more object in the scene, its mesh's frame at `pose`.
+    /// Adds an object to the scene, its mesh's frame at `pose`.
     pub fn touching(self, object: Object, pose: Pose) -> Self {
         Self { scene: self.scene.with(object, pose), ..self }
     }
 
-    /// With other settings.
+    /// Sets the settings.
     pub fn settings(self, settings: Settings) -> Self {
         Self { settings, ..self }
     }
 
-    /// With some settings changed.
+    /// Changes some settings.
     pub fn tune(mut self, change: impl FnOnce(&mut Settings)) -> Self {
         change(&mut self.settings);
         self
     }
 
-    /// In the hand that holds a device, where that now is.
+    /// Makes the session with a device. The probe starts where the device is now.
     ///
     /// # Errors
     /// As [`HapticRenderer::new`].
@@ -75,7 +75,8 @@ impl RendererBuilder {
         HapticRenderer::new(self.probe, self.scene, device, self.settings)
     }
 
-    /// For a host that owns its device, of that specification and in a state, and steps the session itself.
+    /// Makes the session for a host that owns its device and steps the session itself, with the device's
+    /// specification and state.
     ///
     /// # Errors
     /// As [`HostedSession::new`].

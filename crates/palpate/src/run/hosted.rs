@@ -1,7 +1,7 @@
-//! A session whose haptic loop and device are the host's: a simulator, a driver of its own, a game engine.
+//! Sessions whose haptic loop and device belong to a host: a simulator, its own driver, a game engine.
 //!
-//! Contacts are found in a thread of their own, as fast as they can be; the host's step is a haptic step, which does not
-//! allocate, lock, block or panic, and uses the latest of them.
+//! Contacts are found in separate threads, as fast as possible. The host's step is a haptic step, which does
+//! not allocate, lock, block or panic, and uses the latest contacts.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -29,24 +29,24 @@ use crate::tool::Tool;
 use crate::tool::hinged::{Hinged, HingedTool};
 use crate::tool::rigid::Rigid;
 
-/// A session that a host steps, and what else the host does with it. It comes apart, so that each part can go to a thread of its
-/// own: `let HostedSession { stepper, scene, contacts, .. } = session;`.
+/// Session that a host steps, with its editors and monitors. Destructure it to move each part to another
+/// thread: `let HostedSession { stepper, scene, contacts, .. } = session;`.
 #[derive(Debug)]
 pub struct HostedSession<T: Tool = Rigid> {
-    /// Changes its scene.
+    /// Editor of the scene.
     pub scene: SceneEditor,
-    /// Changes its settings.
+    /// Editor of the settings.
     pub settings: SettingsEditor,
-    /// Shows the contacts of each body.
+    /// Monitor of the contacts of each body.
     pub contacts: T::PerBody<ContactMonitor>,
-    /// Reports what contacts push the scene's objects with.
+    /// Queue of contact reactions on scene objects.
     pub reactions: Reactions,
-    /// Takes its haptic steps.
+    /// Stepper of the haptic loop.
     pub stepper: HostedStepper<T>,
 }
 
-/// Takes the haptic steps of a session, in the thread that owns the device. The session's contact threads end when this is
-/// dropped.
+/// Stepper of the haptic loop of a session, for the thread that owns the device. Dropping it ends the
+/// session's contact threads.
 #[derive(Debug)]
 pub struct HostedStepper<T: Tool = Rigid> {
     haptic: HapticLoop<T>,
@@ -54,26 +54,27 @@ pub struct HostedStepper<T: Tool = Rigid> {
     now: f64,
     latest: Option<T::Record>,
     ended: Arc<AtomicBool>,
-    /// Find contacts, one for each body. They end before their time only by a panic.
+    /// Contact thread of each body. One that ends before the stepper is dropped has panicked.
     contact_threads: Vec<JoinHandle<()>>,
 }
 
-/// Why a hosted session could not be started.
+/// A hosted session could not be started.
 #[derive(Debug, thiserror::Error)]
 pub enum HostError {
-    /// As with any session.
+    /// The renderer could not be made.
     #[error(transparent)]
     Renderer(#[from] RendererError),
-    /// The system gives no thread.
+    /// The system refuses a thread.
     #[error("no thread for the contact loop: {0}")]
     Thread(#[from] std::io::Error),
 }
 
 impl HostedSession {
-    /// Puts `probe` into the hand that holds a device of that specification, where the device now is, and `scene` around it.
+    /// Makes a session with `probe` in the hand, at the present state of the host's device, and `scene`
+    /// around it.
     ///
     /// # Errors
-    /// As [`HapticRenderer::new`], or if the system gives no thread.
+    /// As [`HapticRenderer::new`], or if the system refuses a thread.
     pub fn new(
         probe: Object,
         scene: Scene,
@@ -81,8 +82,8 @@ impl HostedSession {
         device: DeviceState,
         settings: Settings,
     ) -> Result<Self, HostError> {
-        let theirs = Box::new(OfTheHost { specification, state: device, gripper: None });
-        HapticRenderer::new(probe, scene, theirs, settings)?.host()
+        let device = Box::new(HostDevice { specification, state: device, gripper: None });
+        HapticRenderer::new(probe, scene, device, settings)?.host()
     }
 
     /// As [`HostedStepper::step`].
@@ -97,11 +98,11 @@ impl HostedSession {
 }
 
 impl HostedSession<Hinged> {
-    /// Puts a tool with a hinge into the hand that holds a device of that specification, where the device and its gripper (rad) now are,
-    /// and `scene` around it.
+    /// Makes a session with a hinged tool in the hand, at the present state of the host's device and angle of
+    /// its gripper (rad), and `scene` around it.
     ///
     /// # Errors
-    /// As [`HapticRenderer::hinged`], or if the system gives no thread.
+    /// As [`HapticRenderer::hinged`], or if the system refuses a thread.
     pub fn hinged(
         tool: &HingedTool,
         scene: Scene,
@@ -110,9 +111,9 @@ impl HostedSession<Hinged> {
         settings: Settings,
         gripper: &GripperSettings,
     ) -> Result<Self, HostError> {
-        let fingers = HostsGripper { specification: gripper_specification, angle: gripper_angle };
-        let theirs = Box::new(OfTheHost { specification, state: device, gripper: Some(fingers) });
-        HapticRenderer::hinged(tool, scene, theirs, settings, gripper)?.host()
+        let fingers = HostGripper { specification: gripper_specification, angle: gripper_angle };
+        let device = Box::new(HostDevice { specification, state: device, gripper: Some(fingers) });
+        HapticRenderer::hinged(tool, scene, device, settings, gripper)?.host()
     }
 
     /// As [`HostedStepper::step`].
@@ -127,11 +128,11 @@ impl HostedSession<Hinged> {
 }
 
 impl<T: Tool> HapticRenderer<T> {
-    /// A session for a host that reads and writes the device itself, with contacts found in threads of their own. The renderer's
-    /// device is given up.
+    /// Turns the renderer into a session for a host that reads and writes the device itself, and starts its
+    /// contact threads. The renderer's own device is dropped.
     ///
     /// # Errors
-    /// If the system gives no thread.
+    /// If the system refuses a thread.
     pub fn host(mut self) -> Result<HostedSession<T>, HostError> {
         let (scene, contacts) = (self.scene_editor(), self.contact_monitor());
         let (settings, reactions) = (self.settings_editor(), self.reactions());
@@ -148,7 +149,7 @@ impl<T: Tool> HapticRenderer<T> {
         for (body, mut contact) in loops.into_iter().enumerate() {
             let (to_contact, from_haptic) = channels(stepper.haptic.tool.body_state(body));
             let ended = Arc::clone(&stepper.ended);
-            // Where there is no thread, dropping the stepper ends those before.
+            // If the system refuses this thread, dropping the stepper ends the ones already started.
             let thread = std::thread::Builder::new()
                 .name("palpate contacts".to_owned())
                 .spawn(move || drop(run_contact(&mut contact, from_haptic, &ended)))?;
@@ -177,7 +178,7 @@ impl<T: Tool> HostedSession<T> {
 }
 
 impl<T: Tool> HostedStepper<T> {
-    /// A haptic step, if `dt` (s) is above 0.
+    /// Takes a haptic step, if `dt` (s) is finite and above 0.
     fn advance(&mut self, dt: f64, device: &DeviceState, gripper_angle: Option<f64>) {
         if !(dt > 0.0 && dt.is_finite()) {
             return;
@@ -192,28 +193,29 @@ impl<T: Tool> HostedStepper<T> {
         self.latest = Some(record);
     }
 
-    /// The record of the last step; none before the first.
+    /// Record of the latest step; `None` before the first.
     pub fn latest(&self) -> Option<&T::Record> {
         self.latest.as_ref()
     }
 
-    /// Holds the clutch, or lets it go ([`HapticLoop::set_clutch`]).
+    /// Holds or releases the clutch ([`HapticLoop::set_clutch`]).
     pub fn set_clutch(&mut self, held: bool) {
         self.haptic.set_clutch(held);
     }
 
-    /// Events in haptic steps.
+    /// Counts of events in haptic steps.
     pub fn events(&self) -> Events {
         self.haptic.telemetry().events
     }
 }
 
 impl HostedStepper {
-    /// A haptic step of `dt` seconds, the device being in a state: the wrench to send to it, in its axes, about its
-    /// handle's origin. A `dt` that is not above 0 changes nothing, and gives the wrench of the last step. Of one above 20 ms and five
-    /// periods no more than that is integrated.
+    /// Takes a haptic step of `dt` seconds, with the device's state. Returns the wrench to send to the
+    /// device, in its axes, about its handle's origin. A `dt` that is not above 0 changes nothing, and
+    /// returns the wrench of the latest step. At most 20 ms or five periods of `dt`, whichever is longer, are
+    /// integrated.
     ///
-    /// The host sends zero when it ends, before it drops this: nothing else does.
+    /// The host must send a wrench of zero to the device before it drops the stepper: the stepper does not.
     pub fn step(&mut self, dt: f64, device: &DeviceState) -> Wrench {
         self.advance(dt, device, None);
         self.latest.map_or(Wrench::ZERO, |record| record.coupling)
@@ -226,8 +228,8 @@ impl HostedStepper {
 }
 
 impl HostedStepper<Hinged> {
-    /// A haptic step as [`HostedStepper::step`], with the gripper's angle (rad): the wrench to send to the device, and the torque (N·m)
-    /// to send to the gripper, positive where it opens it.
+    /// Takes a haptic step as [`HostedStepper::step`], with the gripper's angle (rad). Returns the wrench to
+    /// send to the device, and the torque (N·m) to send to the gripper; a positive one opens the gripper.
     pub fn step(&mut self, dt: f64, device: &DeviceState, gripper_angle: f64) -> (Wrench, f64) {
         self.advance(dt, device, Some(gripper_angle));
         self.latest.map_or((Wrench::ZERO, 0.0), |record| (record.coupling, record.torque))
@@ -243,34 +245,34 @@ impl<T: Tool> Drop for HostedStepper<T> {
     fn drop(&mut self) {
         self.ended.store(true, Ordering::Release);
         for thread in self.contact_threads.drain(..) {
-            // A panic of it was counted.
+            // A panic of the thread was counted as an event.
             let _ = thread.join();
         }
     }
 }
 
-/// The host's device as it was when the session began.
+/// Host's device, in its state when the session began.
 #[derive(Debug)]
-struct OfTheHost {
+struct HostDevice {
     specification: Specification,
     state: DeviceState,
-    gripper: Option<HostsGripper>,
+    gripper: Option<HostGripper>,
 }
 
-/// Its gripper, likewise.
+/// Gripper of a host's device, at its angle when the session began.
 #[derive(Debug)]
-struct HostsGripper {
+struct HostGripper {
     specification: GripperSpecification,
     angle: f64,
 }
 
-impl Gripper for HostsGripper {
+impl Gripper for HostGripper {
     fn specification(&self) -> &GripperSpecification {
         &self.specification
     }
 
     fn read(&mut self, now: f64) -> Result<GripperState, DeviceError> {
-        // As with any gripper the angle is finite.
+        // The trait promises a finite angle.
         let angle = if self.angle.is_finite() { self.angle } else { 0.0 };
         Ok(GripperState { time: now, angle, status: Status::OK })
     }
@@ -280,7 +282,7 @@ impl Gripper for HostsGripper {
     }
 }
 
-impl HapticDevice for OfTheHost {
+impl HapticDevice for HostDevice {
     fn specification(&self) -> &Specification {
         &self.specification
     }
@@ -312,9 +314,10 @@ mod tests {
     use super::*;
     use crate::scene::object::{Object, OpenOptions};
 
-    /// The thread that finds contacts panics while the hand presses: that is counted, and what it found last holds nothing.
+    /// The contact thread panics while the hand presses: the panic is counted, and the last contacts fade
+    /// out.
     #[test]
-    fn a_contact_thread_that_panics_is_told_and_its_planes_let_go() {
+    fn a_panic_of_the_contact_thread_is_counted_and_its_contacts_fade() {
         let options = OpenOptions { cache: false, ..OpenOptions::default() };
         let open = |name| Object::open(name, &options, &mut unwatched).expect("a model");
         let [probe, plate] = ["ellipsoid@500", "ellipsoid@500"].map(open);
@@ -335,7 +338,7 @@ mod tests {
         let mut step = |stepper: &mut HostedStepper, z: f64| {
             steps += 1;
             let state = DeviceState { time: 1e-3 * f64::from(steps), ..at(z) };
-            // As a host's clock does, so that contacts are found meanwhile.
+            // Like the clock of a host, this leaves time to find contacts.
             std::thread::sleep(std::time::Duration::from_micros(200));
             stepper.step(1e-3, &state).force.length()
         };

@@ -1,4 +1,4 @@
-//! How late this machine wakes a thread that sleeps and is scheduled as the haptic thread is.
+//! Measurement of how late this machine wakes a thread that sleeps and is scheduled as the haptic thread is.
 
 use std::time::{Duration, Instant};
 
@@ -8,21 +8,21 @@ use crate::run::machine::{MachineLoad, MachineSample};
 use crate::run::realtime::sleeper;
 use crate::telemetry::Times;
 
-/// What [`measure_wake_lateness`] found.
+/// Result of [`measure_wake_lateness`].
 #[derive(Clone, Debug)]
 pub struct WakeLateness {
-    /// What the thread obtained of the operating system.
+    /// Scheduling and privileges that the operating system granted to the thread.
     pub setup: ThreadSetup,
     /// Time from each deadline to the wake-up for it.
     pub lateness: Times,
-    /// Periods that the thread slept through.
+    /// Number of periods that the thread slept through.
     pub missed: u64,
-    /// How busy the machine was meanwhile.
+    /// Load of the machine meanwhile.
     pub machine: MachineLoad,
 }
 
-/// Sleeps through `seconds` in a thread of its own, from one deadline to the next at `rate` (Hz), by the same method and under
-/// the same scheduling as the haptic thread. It renders nothing.
+/// Measures how late a thread wakes that sleeps for `seconds`, from one deadline to the next at `rate` (Hz),
+/// by the same method and under the same scheduling as the haptic thread. It renders nothing.
 ///
 /// A rate or a time that is not positive and finite gives an empty result.
 pub fn measure_wake_lateness(rate: f64, seconds: f64) -> WakeLateness {
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_period_is_woken_for_or_missed() {
+    fn the_thread_wakes_in_each_period_or_misses_it() {
         let measured = measure_wake_lateness(1000.0, 0.2);
         let (woken, missed) = (measured.lateness.count(), measured.missed);
         // The last wake-up may be late by some periods of its own.

@@ -1,4 +1,5 @@
-//! The lockstep driver: all loops in one thread on a simulated clock, so that a session is reproducible bit by bit.
+//! The lockstep driver: all loops in one thread on a simulated clock, so that sessions are reproducible bit
+//! by bit.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,39 +18,40 @@ use crate::tool::Tool;
 use crate::tool::hinged::Hinged;
 use crate::tool::rigid::Rigid;
 
-/// How fast the contact loop is made out to be, relative to the simulated clock.
+/// Rate and latency of the contact loop on the simulated clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactTiming {
-    /// Contact queries a second, Hz; at most the haptic rate.
+    /// Rate of contact queries, Hz; at most the haptic rate.
     pub rate: f64,
-    /// Time from a query's start to its result, s; at least one haptic period passes in any case. Finite.
+    /// Time from a query's start to its result, s, finite. At least one haptic period passes in any case.
     pub latency: f64,
 }
 
 impl ContactTiming {
-    /// Queries at `rate` (Hz), each taking its whole period, as a thread that is never idle does.
+    /// Queries at `rate` (Hz) that each take the whole period, as in a thread that is never idle.
     pub fn busy(rate: f64) -> Self {
         Self { rate, latency: 1.0 / rate }
     }
 }
 
-/// A session on a simulated clock, stepped one haptic period at a time.
+/// Session on a simulated clock, stepped one haptic period at a time.
 ///
-/// Query k of each body starts at k / rate and sees the newest state of that time; its result is in use from the first haptic
-/// step that is the latency later. The records depend on nothing but the arguments; step and query times in the telemetry are measured
-/// ones. Contact steps allocate while their workspaces grow.
+/// Query k of each body starts at k / rate and uses the newest state at that time; its result is in use from
+/// the first haptic step at or after the query's start plus the latency. The records depend only on the
+/// arguments; the durations of steps and queries in the telemetry are measured in real time. Contact steps
+/// allocate while their workspaces grow.
 pub struct LockstepSession<T: Tool = Rigid> {
     renderer: HapticRenderer<T>,
     query_period: f64,
     latency: f64,
     steps: u64,
     queries: u64,
-    /// The results of queries, each with the time of its arrival, s.
+    /// Results of queries, each with the time of its arrival (s).
     pending: VecDeque<(f64, Vec<ContactUpdate>)>,
 }
 
 impl<T: Tool> HapticRenderer<T> {
-    /// The session on a simulated clock, to be stepped by the caller.
+    /// Turns the renderer into a session on a simulated clock that the caller steps.
     pub fn lockstep(mut self, timing: ContactTiming) -> LockstepSession<T> {
         for contact in &mut self.contacts {
             contact.telemetry_mut().longer_than_slot = Some(0);
@@ -64,11 +66,11 @@ impl<T: Tool> HapticRenderer<T> {
         }
     }
 
-    /// Renders `seconds` of simulated time, or until `stop` is set. Each step's record goes to `sink`, whose first
-    /// error ends the session. The timing is as [`LockstepSession`] has it.
+    /// Renders for `seconds` of simulated time, or until `stop` is set. Calls `sink` with the record of each
+    /// step; its first error ends the session. [`LockstepSession`] defines the timing of queries.
     ///
     /// # Errors
-    /// Only what `sink` returns.
+    /// The first error that `sink` returns.
     #[cfg_attr(feature = "tracing", tracing::instrument(skip_all, fields(seconds)))]
     pub fn run_lockstep<E>(
         self,
@@ -91,7 +93,7 @@ impl<T: Tool> HapticRenderer<T> {
 }
 
 impl<T: Tool> LockstepSession<T> {
-    /// A haptic step of a period with the session's own device.
+    /// Takes a haptic step of a period with the session's own device.
     pub fn step_device(&mut self) -> T::Record {
         let now = self.find_contacts();
         let HapticRenderer { haptic, device, period, .. } = &mut self.renderer;
@@ -101,12 +103,13 @@ impl<T: Tool> LockstepSession<T> {
         record
     }
 
-    /// Begins the query of this step, if there is one, and takes the models that have arrived. The time of the step, s.
+    /// Runs the query that starts in this step, if any, and passes the contact models that have arrived to
+    /// the haptic loop. Returns the time at the step's end, s.
     fn find_contacts(&mut self) -> f64 {
         let HapticRenderer { haptic, contacts, period, .. } = &mut self.renderer;
         let (seen, now) = (self.steps as f64 * *period, (self.steps + 1) as f64 * *period);
         self.steps += 1;
-        // Absorbs the rounding of products of periods.
+        // Multiples of the two periods are equal only up to rounding.
         let slack = 1e-6 * *period;
         let start = self.queries as f64 * self.query_period;
         if start < now - slack {
@@ -142,12 +145,12 @@ impl<T: Tool> LockstepSession<T> {
         &self.renderer.haptic
     }
 
-    /// Holds the clutch, or lets it go ([`HapticLoop::set_clutch`]).
+    /// Holds or releases the clutch ([`HapticLoop::set_clutch`]).
     pub fn set_clutch(&mut self, held: bool) {
         self.renderer.haptic.set_clutch(held);
     }
 
-    /// Events in all loops.
+    /// Counts of events in all loops.
     pub fn events(&self) -> Events {
         let contacts = self.renderer.contacts.iter().map(|contact| contact.telemetry().events);
         contacts.fold(self.renderer.haptic.telemetry().events, |sum, events| sum.and(&events))
@@ -161,14 +164,14 @@ impl<T: Tool> LockstepSession<T> {
 }
 
 impl LockstepSession<Hinged> {
-    /// A haptic step of a period, device and gripper (rad) being in a state at its end.
+    /// Takes a haptic step of a period, with the device's state and the gripper's angle (rad) at its end.
     pub fn step(&mut self, device: &DeviceState, gripper_angle: f64) -> HingedRecord {
         let now = self.find_contacts();
         self.renderer.haptic.step(device, gripper_angle, now, self.renderer.period)
     }
 }
 
-/// Whole periods in a time: at least one, but none in a time that is not positive.
+/// Number of whole periods in a time (s), at least one; 0 if the time is not positive.
 pub(crate) fn steps_in(seconds: f64, period: f64) -> u64 {
     if seconds > 0.0 { (seconds / period).round().max(1.0) as u64 } else { 0 }
 }

@@ -1,54 +1,56 @@
-//! How busy the machine was, as far as the operating system reports it: why a thread with nothing long to do wakes late.
+//! Load of the machine, as far as the operating system reports it: it explains why a thread with little work
+//! wakes late.
 
 use std::time::Instant;
 
-/// Ticks of `/proc/stat` a second: `USER_HZ`, which is 100 on every architecture that Linux runs on but Alpha.
+/// Ticks of `/proc/stat` per second: `USER_HZ`, which is 100 on all architectures of Linux except Alpha.
 const TICKS_PER_SECOND: f64 = 100.0;
 
-/// Counters of the operating system at one moment, for the machine and for the thread that takes them. Two of them make a
-/// [`MachineLoad`].
+/// Counters of the operating system at one moment, for the machine and for the calling thread. The difference
+/// of two samples is a [`MachineLoad`].
 #[derive(Clone, Copy, Debug)]
 pub struct MachineSample {
     taken: Instant,
-    /// Time of all processors, and what the hypervisor gave of it to other virtual machines, s.
     processors: Option<ProcessorTime>,
-    /// How often the thread was preempted.
+    /// Number of times that the thread was preempted.
     preempted: Option<u64>,
-    /// Time for which the thread was ready to run and did not, ns.
+    /// Time for which the thread was ready to run but waited for a processor, ns.
     run_delay: Option<u64>,
-    /// How often the thread found a page of its memory missing.
+    /// Number of page faults of the thread.
     page_faults: Option<u64>,
 }
 
+/// Time of all processors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct ProcessorTime {
-    /// s.
+    /// Total time, s.
     total: f64,
-    /// s.
+    /// Time that the hypervisor gave to other virtual machines, s.
     stolen: f64,
 }
 
-/// What happened on the machine, and to one thread, between two [samples](MachineSample). What the operating system does
-/// not report is `None`: all but the time that passed, on systems other than Linux.
+/// Load of the machine, and of one thread, between two [samples](MachineSample). Values that the operating
+/// system does not report are `None`: on systems other than Linux, all but the time that passed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MachineLoad {
     /// Time between the samples, s.
     pub seconds: f64,
     /// Processor time that the hypervisor gave to other virtual machines, summed over all processors, s.
     pub stolen_s: Option<f64>,
-    /// The same as a fraction of the time of all processors, 0 to 1.
+    /// Stolen processor time as a fraction of the time of all processors, 0 to 1.
     pub stolen_fraction: Option<f64>,
-    /// How often the thread lost its processor to another one (involuntary context switches).
+    /// Number of times that the thread lost its processor to another thread (involuntary context switches).
     pub preempted: Option<u64>,
-    /// Time for which the thread was ready to run, but waited for a processor, s.
+    /// Time for which the thread was ready to run but waited for a processor, s.
     pub run_delay_s: Option<f64>,
-    /// How often the thread found a page of its memory missing, as at the first touch, and waited until the system had mapped it.
+    /// Number of page faults: the thread touched a page that was not mapped, for example for the first time,
+    /// and waited until the system had mapped it.
     pub page_faults: Option<u64>,
 }
 
 impl MachineSample {
-    /// The counters now. Those of a thread are the calling thread's. Reads files under `/proc` and allocates: not for use in
-    /// a real-time loop.
+    /// Reads the present counters; those of a thread are the calling thread's. It reads files under `/proc`
+    /// and allocates: not for use in a real-time loop.
     pub fn take() -> Self {
         let read = |path: &str| std::fs::read_to_string(path).ok();
         Self {
@@ -56,12 +58,12 @@ impl MachineSample {
             processors: read("/proc/stat").and_then(|text| processor_time(&text)),
             preempted: read("/proc/thread-self/status").and_then(|text| preemptions(&text)),
             run_delay: read("/proc/thread-self/schedstat").and_then(|text| run_delay(&text)),
-            // Last, so that the rest of a first sample is not counted.
+            // Read last, so that page faults of taking the first sample are not counted.
             page_faults: read("/proc/thread-self/stat").and_then(|text| page_faults(&text)),
         }
     }
 
-    /// What happened since an earlier sample that the same thread took.
+    /// Load since an earlier sample that the same thread took.
     pub fn since(&self, earlier: &Self) -> MachineLoad {
         let both = self.processors.zip(earlier.processors);
         let time = both.map(|(now, then)| ProcessorTime {
@@ -80,8 +82,9 @@ impl MachineSample {
     }
 }
 
-/// From the first line of `/proc/stat`: `cpu user nice system idle iowait irq softirq steal guest guest_nice`, of which
-/// the last two are part of the first two.
+/// Reads the first line of `/proc/stat`:
+/// `cpu user nice system idle iowait irq softirq steal guest guest_nice`, of which the last two are included
+/// in the first two.
 fn processor_time(stat: &str) -> Option<ProcessorTime> {
     let line = stat.lines().next()?.strip_prefix("cpu ")?;
     let ticks: Vec<u64> = line.split_whitespace().map_while(|field| field.parse().ok()).take(8).collect();
@@ -90,19 +93,20 @@ fn processor_time(stat: &str) -> Option<ProcessorTime> {
     Some(ProcessorTime { total: total as f64 / TICKS_PER_SECOND, stolen: stolen as f64 / TICKS_PER_SECOND })
 }
 
-/// From `/proc/thread-self/status`.
+/// Reads the involuntary context switches in `/proc/thread-self/status`.
 fn preemptions(status: &str) -> Option<u64> {
     let line = status.lines().find_map(|line| line.strip_prefix("nonvoluntary_ctxt_switches:"))?;
     line.trim().parse().ok()
 }
 
-/// From `/proc/thread-self/schedstat`: time on a processor and time waiting for one, ns, and how many turns.
+/// Reads the second field of `/proc/thread-self/schedstat`: time on a processor (ns), time waiting for one
+/// (ns), and number of time slices.
 fn run_delay(schedstat: &str) -> Option<u64> {
     schedstat.split_whitespace().nth(1)?.parse().ok()
 }
 
-/// From `/proc/thread-self/stat`: the sum of minor and major ones, tenth and twelfth of the fields, of which the second is a
-/// name in brackets that may hold anything.
+/// Reads the minor and major page faults in `/proc/thread-self/stat`, the tenth and twelfth field, and adds
+/// them. The second field is a name in brackets that may hold any characters.
 fn page_faults(stat: &str) -> Option<u64> {
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().take(10).collect();
     let at = |number: usize| fields.get(number - 3)?.parse::<u64>().ok();
@@ -127,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_there_is_not_made_up() {
+    fn missing_counters_stay_unknown() {
         for text in ["", "cpu", "cpu 1 2 3", "cpu a b c d e f g h", "Name: x"] {
             let read = (processor_time(text), preemptions(text), page_faults(text));
             assert_eq!(read, (None, None, None), "{text}");

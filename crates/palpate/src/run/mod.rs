@@ -1,4 +1,4 @@
-//! Ways to run a session: in real time, on a simulated clock, or stepped by a host.
+//! Drivers of a session: in real time, on a simulated clock, or stepped by a host.
 
 pub(crate) mod builder;
 pub(crate) mod hosted;

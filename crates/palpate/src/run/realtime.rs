@@ -1,11 +1,11 @@
-//! The real-time driver: a haptic thread, a contact thread for each body, and the caller's thread as the recorder.
+//! The real-time driver: a haptic thread, a contact thread for each body, and the caller's thread as the
+//! recorder.
 //!
-//! The haptic thread wakes at absolute deadlines (sleep, then a short spin), under SCHED_FIFO where that is allowed. It
-//! hands the body's state to the contact thread through a triple buffer (the latest wins), takes contact models from a
-//! lock-free ring, and puts records into another; none of them ever makes it wait. Periods that it wakes too late for
-//! are counted and skipped, never replayed.
+//! The haptic thread wakes at absolute deadlines (sleep, then a short spin), under SCHED_FIFO where that is
+//! allowed. It passes the body's state to the contact thread through a triple buffer (the latest wins), takes
+//! contact models from a lock-free ring, and puts records into another; it never waits for any of them.
+//! Periods that it wakes too late for are counted and skipped, never replayed.
 
-use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -21,116 +21,126 @@ use crate::contact::{ContactLoop, ContactUpdate};
 use crate::haptic::HapticLoop;
 use crate::haptic::presence::FADE;
 use crate::run::lockstep::steps_in;
-use crate::run::machine::MachineSample;
+use crate::run::machine::{MachineLoad, MachineSample};
 use crate::run::renderer::HapticRenderer;
 use crate::run::session::{Clock, RealtimeSetup, Session};
 use crate::telemetry::record::Recorded;
 use crate::tool::Tool;
 
-/// Contact models that may wait for the haptic thread.
+/// Capacity of the ring of contact models. When it is full, new models are dropped and counted.
 const MODEL_RING: usize = 8;
-/// Records that may wait for the recorder: four seconds at 1 kHz.
+/// Capacity of the ring of records: four seconds at 1 kHz. When it is full, records are dropped and counted.
 const RECORD_RING: usize = 4096;
-/// How long the recorder sleeps when it has caught up.
-const RECORDER_NAP: Duration = Duration::from_millis(5);
-/// How long the contact thread waits for a body state that it has not seen.
-const CONTACT_NAP: Duration = Duration::from_micros(50);
-/// The haptic thread sleeps until this long before a deadline, s, and spins the rest.
+/// Sleep of the recorder when it has caught up. It must be well below the time that fills the ring of
+/// records.
+const RECORDER_SLEEP: Duration = Duration::from_millis(5);
+/// Sleep of the contact thread until it polls for a new body state. A longer sleep makes contact models
+/// older.
+const CONTACT_SLEEP: Duration = Duration::from_micros(50);
+/// Time before a deadline at which the haptic thread wakes and starts to spin, s. A shorter time makes it
+/// wake late more often; a longer one takes more processor time.
 const SPIN: f64 = 1e-4;
-/// Most of a period that it spins: a SCHED_FIFO thread that never sleeps is throttled by Linux for 50 ms a second.
-const SPIN_SHARE: f64 = 0.25;
-/// Most periods that one step makes up for after late wake-ups.
+/// Largest part of a period that is spent spinning. Linux throttles a SCHED_FIFO thread that never sleeps,
+/// for 50 ms each second.
+const MAX_SPIN_SHARE: f64 = 0.25;
+/// Largest number of periods that one step integrates after late wake-ups. With more, the object could jump.
 const MAX_PERIODS_A_STEP: u64 = 5;
 
 impl<T: Tool> HapticRenderer<T> {
-    /// Renders `seconds` of real time, or until `stop` is set, in threads of its own. Each step's record goes to `sink`,
-    /// called in this thread; its first error ends the session. However the session ends, the device is first sent a
-    /// wrench of zero.
+    /// Renders for `seconds` of real time, or until `stop` is set, in threads of its own. Calls `sink` in
+    /// this thread with the record of each step; its first error ends the session. However the session ends,
+    /// the device receives a wrench of zero.
     ///
     /// # Errors
-    /// Only what `sink` returns.
+    /// The first error that `sink` returns.
     ///
     /// # Panics
-    /// If the device's driver or `sink` does; the records up to then have gone to `sink`.
+    /// If the device's driver or `sink` panics. If the driver does, `sink` has received all records up to
+    /// then.
     #[cfg_attr(feature = "tracing", tracing::instrument(skip_all, fields(seconds)))]
     pub fn run_realtime<E>(
         mut self,
         seconds: f64,
         stop: &AtomicBool,
-        mut sink: impl FnMut(&T::Record) -> Result<(), E>,
+        sink: impl FnMut(&T::Record) -> Result<(), E>,
     ) -> Result<Session, E> {
         let steps = steps_in(seconds, self.period);
-        let (mut records_in, mut records_out) = RingBuffer::new(RECORD_RING);
-        write_through(&mut records_in, &mut records_out);
+        let (records, consumer) = record_ring();
         let channels = (0..self.contacts.len()).map(|body| channels(self.haptic.tool.body_state(body)));
-        let (to_contacts, from_contacts): (Vec<_>, Vec<_>) = channels.unzip();
-        // Whatever ends one of the threads, a panic included, must end the others.
+        let (to_contacts, from_haptic): (Vec<_>, Vec<_>) = channels.unzip();
+        // A thread that ends, even by a panic, must end the others.
         let ended = AtomicBool::new(false);
-        let mut result = Ok(());
-
+        let mut recorder = Recorder { records: consumer, sink, result: Ok(()) };
         let mut haptic = HapticThread {
             haptic: &mut self.haptic,
             device: self.device.as_mut(),
             period: self.period,
             contacts: to_contacts,
-            records: records_in,
+            records,
         };
-        // All that the threads need is allocated.
+        // By now all memory that the threads need is allocated.
         let memory = lock_memory();
         let (haptic, contact, machine, lasted) = std::thread::scope(|scope| {
             let _ended = SetOnDrop(&ended);
-            let contact_threads: Vec<_> = self
-                .contacts
-                .iter_mut()
-                .zip(from_contacts)
+            let contacts = self.contacts.iter_mut().zip(from_haptic);
+            let contact_threads: Vec<_> = contacts
                 .map(|(contact, channels)| {
-                    let ended = &ended;
-                    scope.spawn(move || {
-                        let _ended = SetOnDrop(ended);
-                        run_contact(contact, channels, ended)
+                    scope.spawn(|| {
+                        let _ended = SetOnDrop(&ended);
+                        run_contact(contact, channels, &ended)
                     })
                 })
                 .collect();
-            let haptic_thread = scope.spawn(|| {
-                let _ended = SetOnDrop(&ended);
-                let setup = set_up(Role::Haptic);
-                let before = MachineSample::take();
-                let lasted =
-                    haptic.run(steps, || stop.load(Ordering::Acquire) || ended.load(Ordering::Acquire));
-                (setup, MachineSample::take().since(&before), lasted)
-            });
-            let mut drain = || {
-                while let Ok(record) = records_out.pop() {
-                    if result.is_ok() {
-                        result = sink(&record);
-                        ended.fetch_or(result.is_err(), Ordering::AcqRel);
-                    }
-                }
-            };
+            let haptic_thread = scope.spawn(|| haptic.run(steps, stop, &ended));
             while !haptic_thread.is_finished() {
-                drain();
-                std::thread::sleep(RECORDER_NAP);
+                recorder.drain(&ended);
+                std::thread::sleep(RECORDER_SLEEP);
             }
             let outcome = haptic_thread.join();
-            drain();
-            let (setup, machine, lasted) = outcome.unwrap_or_else(|panic| resume_unwind(panic));
-            let lasted = lasted.unwrap_or_else(|panic| resume_unwind(panic));
-            let joined = contact_threads.into_iter().map(|thread| thread.join());
-            let setups: Vec<_> =
-                joined.map(|setup| setup.unwrap_or_else(|panic| resume_unwind(panic))).collect();
+            recorder.drain(&ended);
+            let (setup, machine, lasted) = or_resume(outcome);
+            let setups: Vec<_> = contact_threads.into_iter().map(|thread| or_resume(thread.join())).collect();
             (setup, setups.into_iter().next(), machine, lasted)
         });
         let setup = RealtimeSetup { device: self.device.thread_setup().cloned(), haptic, contact, memory };
         let clock = Clock::Real { setup: Box::new(setup) };
         let session = Session::close(self, lasted.as_secs_f64(), clock, machine);
-        result.map(|()| session)
+        recorder.result.map(|()| session)
     }
 }
 
-/// Fills and empties the ring, so that its memory is there before the haptic thread writes to it.
-fn write_through<R: Recorded>(records_in: &mut Producer<R>, records_out: &mut Consumer<R>) {
-    while records_in.push(R::BLANK).is_ok() {}
-    while records_out.pop().is_ok() {}
+/// Makes the ring of records. It is filled and emptied, so that its pages are mapped before the haptic thread
+/// writes to them.
+fn record_ring<R: Recorded>() -> (Producer<R>, Consumer<R>) {
+    let (mut producer, mut consumer) = RingBuffer::new(RECORD_RING);
+    while producer.push(R::BLANK).is_ok() {}
+    while consumer.pop().is_ok() {}
+    (producer, consumer)
+}
+
+/// The value of a thread, or its panic in this thread.
+fn or_resume<V>(outcome: std::thread::Result<V>) -> V {
+    outcome.unwrap_or_else(|panic| resume_unwind(panic))
+}
+
+/// Takes the records of the haptic thread out of their ring.
+struct Recorder<R, E, S> {
+    records: Consumer<R>,
+    sink: S,
+    /// First error of the sink.
+    result: Result<(), E>,
+}
+
+impl<R, E, S: FnMut(&R) -> Result<(), E>> Recorder<R, E, S> {
+    /// Passes the records that have arrived to the sink, until its first error; that sets `ended`.
+    fn drain(&mut self, ended: &AtomicBool) {
+        while let Ok(record) = self.records.pop() {
+            if self.result.is_ok() {
+                self.result = (self.sink)(&record);
+                ended.fetch_or(self.result.is_err(), Ordering::AcqRel);
+            }
+        }
+    }
 }
 
 /// Sets a flag when dropped.
@@ -142,21 +152,21 @@ impl Drop for SetOnDrop<'_> {
     }
 }
 
-/// The haptic loop's end of the channels to and from a contact loop.
+/// Haptic loop's end of the channels to and from a contact loop.
 #[derive(Debug)]
 pub(crate) struct ToContact {
     models: Consumer<ContactUpdate>,
     state: triple_buffer::Input<(f64, BodyState)>,
 }
 
-/// The contact loop's end.
+/// Contact loop's end of the channels to and from the haptic loop.
 #[derive(Debug)]
 pub(crate) struct FromHaptic {
     models: Producer<ContactUpdate>,
     state: triple_buffer::Output<(f64, BodyState)>,
 }
 
-/// The channels between the haptic loop and the contact loop of a body that begins in a state.
+/// Makes the channels between the haptic loop and the contact loop of a body, with the body's initial state.
 pub(crate) fn channels(body: BodyState) -> (ToContact, FromHaptic) {
     let (models_in, models) = RingBuffer::new(MODEL_RING);
     let (state, state_out) = triple_buffer::triple_buffer(&(0.0, body));
@@ -164,7 +174,7 @@ pub(crate) fn channels(body: BodyState) -> (ToContact, FromHaptic) {
 }
 
 impl ToContact {
-    /// Takes the models that have arrived for each body.
+    /// Passes the contact models that have arrived for each body to the haptic loop.
     pub fn receive<T: Tool>(all: &mut [Self], haptic: &mut HapticLoop<T>) {
         for (body, channels) in all.iter_mut().enumerate() {
             while let Ok(update) = channels.models.pop() {
@@ -185,32 +195,47 @@ impl ToContact {
 struct HapticThread<'a, T: Tool> {
     haptic: &'a mut HapticLoop<T>,
     device: &'a mut dyn HapticDevice,
-    /// s.
+    /// Period of the haptic loop, s.
     period: f64,
     contacts: Vec<ToContact>,
     records: Producer<T::Record>,
 }
 
 impl<T: Tool> HapticThread<'_, T> {
-    /// Renders, then sends the device a wrench of zero: the hand must not stay under the last one while the other threads
-    /// come to their end. How long it rendered; the panic of a device's driver is handed on.
-    fn run(&mut self, steps: u64, stop: impl Fn() -> bool) -> Result<Duration, Box<dyn Any + Send>> {
+    /// Runs the haptic thread: renders, then releases the device. Returns what the operating system granted
+    /// to the thread, how busy the machine was, and how long it rendered.
+    ///
+    /// # Panics
+    /// If the device's driver panics; the device is released even then.
+    fn run(
+        &mut self,
+        steps: u64,
+        stop: &AtomicBool,
+        ended: &AtomicBool,
+    ) -> (ThreadSetup, MachineLoad, Duration) {
+        let _ended = SetOnDrop(ended);
+        let setup = set_up(Role::Haptic);
+        let before = MachineSample::take();
+        let stop = || stop.load(Ordering::Acquire) || ended.load(Ordering::Acquire);
         let rendered = catch_unwind(AssertUnwindSafe(|| self.render(steps, stop)));
+        // The hand must not stay under the last wrench while the other threads end.
         let released = catch_unwind(AssertUnwindSafe(|| {
             let gripper = self.device.gripper().map_or(Ok(()), |gripper| gripper.write(0.0));
             self.device.write(&Wrench::ZERO).and(gripper)
         }));
-        let lasted = rendered?;
-        if let Err(error) = released? {
+        let lasted = or_resume(rendered);
+        if let Err(error) = or_resume(released) {
             self.haptic.telemetry_mut().events.device_refused += 1;
             self.haptic.keep_device_error(error);
         }
-        Ok(lasted)
+        (setup, MachineSample::take().since(&before), lasted)
     }
 
+    /// Takes a haptic step at each deadline, up to `steps` of them or until `stop`. Returns how long that
+    /// took.
     fn render(&mut self, mut steps: u64, stop: impl Fn() -> bool) -> Duration {
         let period = self.period;
-        // The last steps let the wrench fade out, so that the hand does not lunge.
+        // The wrench fades out over the last steps, so that the hand does not lunge.
         let fading = (FADE / period).ceil() as u64;
         let sleeper = sleeper(period);
         let start = Instant::now();
@@ -252,20 +277,22 @@ impl<T: Tool> HapticThread<'_, T> {
     }
 }
 
-/// How many of the skipped periods passed while the step before was still running, `overrun` being how long after the deadline
-/// that came next it ended. A loop that wakes late skips periods, so that a step starts less than a period (s) after its
-/// own deadline: one that overruns the next deadline by a period took longer than a period itself.
+/// Number of skipped periods that passed while the previous step was still running; `overrun` is the time by
+/// which that step ended after the next deadline. Since a loop that wakes late skips periods, a step starts
+/// less than a period (s) after its own deadline: a step that overruns the next deadline by a period has
+/// itself taken longer than a period.
 fn missed_by_step(skipped: u64, overrun: Duration, period: f64) -> u64 {
     ((overrun.as_secs_f64() / period) as u64).min(skipped)
 }
 
-/// How the haptic thread sleeps between deadlines that are `period` (s) apart.
+/// Makes the sleeper of the haptic thread, for deadlines that are `period` (s) apart.
 pub(crate) fn sleeper(period: f64) -> SpinSleeper {
-    let spin = SPIN.min(SPIN_SHARE * period);
+    let spin = SPIN.min(MAX_SPIN_SHARE * period);
     SpinSleeper::new((spin * 1e9) as u32).with_spin_strategy(SpinStrategy::SpinLoopHint)
 }
 
-/// The contact thread: as fast as it can, but never twice for the same state. What it obtained of the operating system.
+/// Runs a contact thread until `ended` is set: contact steps as fast as possible, but never two for the same
+/// state. Returns what the operating system granted to the thread.
 pub(crate) fn run_contact(
     contact: &mut ContactLoop,
     FromHaptic { mut models, mut state }: FromHaptic,
@@ -275,7 +302,7 @@ pub(crate) fn run_contact(
     let mut first = true;
     while !ended.load(Ordering::Acquire) {
         if !state.update() && !first {
-            std::thread::sleep(CONTACT_NAP);
+            std::thread::sleep(CONTACT_SLEEP);
             continue;
         }
         first = false;
@@ -296,9 +323,9 @@ mod tests {
     #[test]
     fn periods_are_missed_by_the_step_only_while_it_runs() {
         let ms = Duration::from_millis;
-        // A step that ended in time: whatever is missed, the machine was late.
+        // The step ended in time, so the machine missed all periods.
         assert_eq!(missed_by_step(4, Duration::ZERO, 1e-3), 0);
-        // It ended half a period after the deadline, and the thread was resumed later still.
+        // The step ended half a period after the deadline, and the thread was resumed even later.
         assert_eq!(missed_by_step(4, Duration::from_micros(500), 1e-3), 0);
         assert_eq!(missed_by_step(4, ms(3), 1e-3), 3);
         assert_eq!(missed_by_step(4, ms(9), 1e-3), 4);

@@ -1,4 +1,4 @@
-//! The renderer: a tool in the hand, a scene, a device, and the loops that join them.
+//! The renderer: a tool in the hand, a scene, a device, and the loops that connect them.
 
 use std::sync::Arc;
 
@@ -30,32 +30,32 @@ use crate::tool::gains::{Gains, Grasped, gripper_port};
 use crate::tool::hinged::{Hinged, HingedTool, grip};
 use crate::tool::rigid::Rigid;
 
-/// A haptic rendering session, to be run by [`run_lockstep`](Self::run_lockstep) or
-/// [`run_realtime`](Self::run_realtime), or taken apart by a host that owns its loops.
+/// Haptic rendering session. [`run_realtime`](Self::run_realtime) and [`run_lockstep`](Self::run_lockstep)
+/// run it, and [`into_loops`](Self::into_loops) takes it apart for a host that owns its loops.
 pub struct HapticRenderer<T: Tool = Rigid> {
     pub(crate) haptic: HapticLoop<T>,
-    /// One for each body of the tool.
+    /// Contact loop of each body of the tool.
     pub(crate) contacts: Vec<ContactLoop>,
     pub(crate) device: Box<dyn HapticDevice>,
     /// Period of the haptic loop, s.
     pub(crate) period: f64,
-    /// The bodies of the tool.
+    /// Objects of the tool.
     probes: Vec<Object>,
     grasped: Grasped,
     scene: Scene,
     settings: Settings,
-    /// The same with what they leave open filled in.
+    /// Settings with those that are `None` filled in.
     settings_in_force: Settings,
     settings_editor: Option<SettingsEditor>,
 }
 
-/// Why a session could not be started.
+/// A session could not be started.
 #[derive(Debug, thiserror::Error)]
 pub enum RendererError {
     /// The tool cannot be held with the settings.
     #[error(transparent)]
     Tool(#[from] ToolError),
-    /// An object's size suggests a wrong unit.
+    /// The size of an object suggests a wrong unit.
     #[error(transparent)]
     Units(#[from] UnitsError),
     /// Textures cannot be rendered.
@@ -84,24 +84,24 @@ impl From<ContactLoopError> for RendererError {
     }
 }
 
-/// A tool made ready for a session, and what its loops are made with.
+/// Tool prepared for a session, with the parameters of its loops.
 struct Prepared<T> {
     tool: T,
-    /// Its bodies, with their masses.
+    /// Objects of the tool, with their masses.
     bodies: Vec<(Object, Body)>,
     grasped: Grasped,
     gains: Gains,
     gripper: Option<Gripper>,
-    /// How contacts are searched for, where the settings leave that open.
+    /// Method by which contacts are found; it may differ from the settings'.
     search: ContactSearch,
 }
 
 impl HapticRenderer {
-    /// Puts `probe` into the hand that holds `device`, where the device now is, and `scene` around it.
+    /// Makes a session with `probe` in the hand, at the present pose of `device`, and `scene` around it.
     ///
     /// # Errors
-    /// If a setting is out of range, the probe cannot be given a mass, an object's size suggests a wrong unit, textures are too
-    /// large, or the device does not answer.
+    /// If a setting is out of range, the probe cannot have the mass, an object's size suggests a wrong unit,
+    /// textures are too large, or the device does not answer.
     #[cfg_attr(
         feature = "tracing",
         tracing::instrument(skip_all, fields(probe = probe.name, objects = scene.objects().len()), err)
@@ -145,16 +145,17 @@ impl HapticRenderer {
         Self::assemble(prepared, scene, device, state, settings)
     }
 
-    /// The grasped object.
+    /// Grasped object.
     pub fn probe(&self) -> &Object {
         &self.probes[0]
     }
 
-    /// Lets the objects in the hands of two sessions touch each other: each becomes an object of the other's scene, that moves
-    /// as the other hand moves it. Both sessions then render the contact, each with its own settings. The numbers that they have
-    /// there, the other's in this one's first; none if one of them is textured and that cannot be rendered.
+    /// Lets the objects in the hands of two sessions touch each other: each becomes an object of the other's
+    /// scene, and moves as the other hand moves it. Both sessions then render the contact, each with its own
+    /// settings. Returns the identifier of the other object in this session, and that of this object in the
+    /// other one; `None` if a texture of one of them cannot be rendered.
     ///
-    /// To be called before either session runs.
+    /// Call it before either session runs.
     pub fn join(&mut self, other: &mut Self) -> Option<(SceneId, SceneId)> {
         let there = follow(self, other)?;
         let here = follow(other, self)?;
@@ -163,15 +164,18 @@ impl HapticRenderer {
 }
 
 impl HapticRenderer<Hinged> {
-    /// Puts a tool with a hinge into the hand that holds `device` and its gripper, where they now are, and `scene` around it.
+    /// Makes a session with a hinged tool in the hand, at the present pose of `device` and of its gripper,
+    /// and `scene` around it.
     ///
-    /// Of the settings, `mass` does not count, for the tool has masses of its own; the [grasp](crate::settings::ToolSettings::grasp) is in the first
-    /// body's mesh frame, by default at its centre of mass; the tolerance is by default 1 % of the smaller body's bounding radius, and
-    /// the contact damping critical for the tool's mass. Contacts are found by levels of detail unless representatives are asked for.
+    /// The settings apply as follows. `mass` is ignored, since the tool has its own masses. The
+    /// [grasp](crate::settings::ToolSettings::grasp) is in the first body's mesh frame, by default at its
+    /// centre of mass. By default the tolerance is 1 % of the smaller body's bounding radius, and the contact
+    /// damping is critical for the tool's mass. Contacts are found by levels of detail unless the settings
+    /// require representatives.
     ///
     /// # Errors
-    /// If a setting is out of range, a body cannot be given its mass, the hinge is invalid, an object's size suggests a wrong
-    /// unit, textures are too large, or the device has no gripper or does not answer.
+    /// If a setting is out of range, a body cannot have its mass, the hinge is invalid, an object's size
+    /// suggests a wrong unit, textures are too large, or the device has no gripper or does not answer.
     pub fn hinged(
         tool: &HingedTool,
         scene: Scene,
@@ -206,7 +210,8 @@ impl HapticRenderer<Hinged> {
             grasped,
             gains,
             gripper: Some(Gripper::new(gripper, &port, asked, lag, 1.0 / settings.timing.rate)),
-            // By the area law narrow jaws slide off sideways: what they close on is in contact beyond their edges.
+            // With the area law narrow jaws slide off sideways, since the object between them is in contact
+            // beyond their edges.
             search: match settings.search.method {
                 ContactSearch::Automatic => ContactSearch::Levels,
                 asked => asked,
@@ -215,13 +220,14 @@ impl HapticRenderer<Hinged> {
         Self::assemble(prepared, scene, device, state, settings)
     }
 
-    /// The objects of the tool, as [`HingedTool`] has them.
+    /// Objects of the tool: the first and the second body of the [`HingedTool`].
     pub fn probes(&self) -> [&Object; 2] {
         [&self.probes[0], &self.probes[1]]
     }
 }
 
 impl<T: Tool> HapticRenderer<T> {
+    /// Makes the loops of a session.
     fn assemble(
         prepared: Prepared<T>,
         scene: Scene,
@@ -264,23 +270,24 @@ impl<T: Tool> HapticRenderer<T> {
         })
     }
 
-    /// The device.
+    /// Device of the session.
     pub fn device(&self) -> &dyn HapticDevice {
         self.device.as_ref()
     }
 
-    /// The settings given.
+    /// Settings as given.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
-    /// The settings that the session begins with: those given, and what they leave open as it was chosen for the tool
-    /// and the device. How textured contacts are sampled stays open.
+    /// Settings at the start of the session: those given, with the ones that are `None` chosen for the tool
+    /// and the device. [`TextureSettings`](crate::settings::TextureSettings) are not filled in.
     pub fn settings_in_force(&self) -> &Settings {
         &self.settings_in_force
     }
 
-    /// The [grasp](crate::settings::ToolSettings::grasp) that the coupling holds the tool at, in the first mesh's frame.
+    /// [Grasp](crate::settings::ToolSettings::grasp) at which the coupling holds the tool, in the first
+    /// mesh's frame.
     pub fn grasp(&self) -> &Pose {
         self.haptic.grasp()
     }
@@ -290,18 +297,19 @@ impl<T: Tool> HapticRenderer<T> {
         &self.probes
     }
 
-    /// The scene.
+    /// Scene at the start of the session.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// A monitor of the contacts of each body, for another thread while the session runs. There may be several.
+    /// Makes a monitor of the contacts of each body, for another thread while the session runs. There may be
+    /// several.
     pub fn contact_monitor(&mut self) -> T::PerBody<ContactMonitor> {
         per_body::<T, _>(self.contacts.iter_mut().map(ContactLoop::contact_monitor))
     }
 
-    /// An editor that changes the scene from elsewhere while the session runs. Each call gives another handle to the same
-    /// editor.
+    /// Editor that changes the scene from other threads while the session runs. Each call returns another
+    /// handle to the same editor.
     pub fn scene_editor(&mut self) -> SceneEditor {
         let (first, others) = self.contacts.split_at_mut(1);
         let editor = first[0].editor();
@@ -309,8 +317,8 @@ impl<T: Tool> HapticRenderer<T> {
         editor
     }
 
-    /// An editor that changes settings from elsewhere while the session runs. Each call gives another handle to the same
-    /// editor.
+    /// Editor that changes settings from other threads while the session runs. Each call returns another
+    /// handle to the same editor.
     pub fn settings_editor(&mut self) -> SettingsEditor {
         if let Some(editor) = &self.settings_editor {
             return editor.clone();
@@ -318,41 +326,42 @@ impl<T: Tool> HapticRenderer<T> {
         let specification = self.device.specification().clone();
         let by_fields = self.contacts.iter().any(ContactLoop::is_by_fields);
         let editor = SettingsEditor::new(self.settings, self.grasped, specification, by_fields);
-        self.haptic.set_tunings(editor.tunes_haptic());
-        self.contacts.iter_mut().for_each(|contact| contact.set_tunings(editor.tunes_contact()));
+        self.haptic.set_tunings(editor.add_haptic_loop());
+        self.contacts.iter_mut().for_each(|contact| contact.set_tunings(editor.add_contact_loop()));
         self.settings_editor.insert(editor).clone()
     }
 
-    /// Takes what contacts push the scene's objects with, elsewhere while the session runs. Each call gives another handle to
-    /// the same queue.
+    /// Queue of contact reactions on scene objects, for other threads while the session runs. Each call
+    /// returns another handle to the same queue.
     pub fn reactions(&mut self) -> Reactions {
         self.haptic.reactions()
     }
 
-    /// The loops and the device, for a host that runs them itself: [`HapticLoop::step_device`] once a period,
-    /// [`ContactLoop::step`] on the state of each body as often as it can, in another thread or the
-    /// same, and `update_contacts` with what that gives. The host closes the device.
+    /// Takes the session apart into its loops and the device, for a host that runs them itself:
+    /// [`HapticLoop::step_device`] once per period, [`ContactLoop::step`] on the state of each body as often
+    /// as possible, in the same thread or another one, and `update_contacts` with its result. The host closes
+    /// the device.
     pub fn into_loops(self) -> (HapticLoop<T>, T::PerBody<ContactLoop>, Box<dyn HapticDevice>) {
         (self.haptic, per_body::<T, _>(self.contacts.into_iter()), self.device)
     }
 }
 
 impl HapticRenderer {
-    /// Lets another method integrate the motion of the grasped object, to compare it with the semi-implicit step. Explicit methods are
-    /// unstable with a light object.
+    /// Sets the method that integrates the motion of the grasped object, to compare it with the semi-implicit
+    /// step. Explicit methods are unstable with a light object.
     pub fn set_integrator(&mut self, integrator: Arc<dyn Integrator>) {
         self.haptic.tool.integrator = integrator;
     }
 
-    /// Lets a backend of the host compute textured contacts, as one on its own GPU device
-    /// (`WgpuBackend::with_device` with the feature `gpu`); nothing changes in a scene without
-    /// textures. Should it fail, the processor goes on.
+    /// Sets a backend that computes textured contacts, such as one on the host's own GPU device
+    /// (`WgpuBackend::with_device` with the feature `gpu`). In a scene without textures it has no effect. If
+    /// the backend fails, the processor takes over.
     pub fn set_texture_backend(&mut self, backend: Box<dyn Backend>) {
         self.contacts[0].set_texture_backend(backend);
     }
 }
 
-/// A value for each body of a tool.
+/// Collects one value for each body of a tool.
 #[expect(clippy::expect_used, reason = "a session has a contact loop for each body")]
 pub(crate) fn per_body<T: Tool, X>(values: impl Iterator<Item = X>) -> T::PerBody<X> {
     T::per_body(values).expect("a value for each body")
@@ -364,7 +373,7 @@ fn radius_about_center_of_mass(object: &Object) -> f64 {
     object.bounding_radius() + source.center_of_mass.distance(source.center)
 }
 
-/// Puts the object of one session, as it moves, into the scene of another.
+/// Adds the moving object of `leader` to the scene of `session`.
 fn follow(session: &mut HapticRenderer, leader: &mut HapticRenderer) -> Option<SceneId> {
     let HapticRenderer { haptic, probes, period, .. } = leader;
     let Body { mass, inertia, .. } = haptic.tool.body;

@@ -1,4 +1,4 @@
-//! What is left of a session when it has ended.
+//! Results of an ended session: measurements, and the machine-readable summary.
 
 use std::collections::BTreeMap;
 
@@ -18,33 +18,34 @@ use crate::tool::Tool;
 /// [`HapticSummary::scheduling`] on a simulated clock.
 const LOCKSTEP: &str = "lockstep";
 
-/// Which clock a session ran by.
+/// Clock of a session.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Clock {
     /// Real time.
     Real {
-        /// What was asked of the operating system, and what came of it.
+        /// Requests to the operating system, and their outcomes.
         setup: Box<RealtimeSetup>,
     },
     /// Simulated time.
     Simulated,
 }
 
-/// What a session in real time asked of the operating system, and what came of it.
+/// Requests of a real-time session to the operating system, and their outcomes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct RealtimeSetup {
-    /// The thread that exchanges reports with the device; none where the device has no such thread.
+    /// Thread that exchanges reports with the device; `None` if the device has no such thread.
     pub device: Option<ThreadSetup>,
-    /// The haptic thread.
+    /// Haptic thread.
     pub haptic: ThreadSetup,
-    /// The contact thread; that of the first body of a tool with several.
+    /// Contact thread of the first body.
     pub contact: Option<ThreadSetup>,
-    /// The process's memory.
+    /// Locking of the process's memory.
     pub memory: Outcome,
 }
 
 impl RealtimeSetup {
-    /// What a privilege is absent for, in whole or in part: which thread or what, and what came of it.
+    /// Requests that the operating system refused, wholly or in part, for lack of a privilege: their names
+    /// and outcomes.
     pub fn limited(&self) -> Vec<(String, &Outcome)> {
         let threads = [
             ("device", self.device.as_ref()),
@@ -63,118 +64,118 @@ impl RealtimeSetup {
     }
 }
 
-/// An ended session.
+/// Ended session.
 #[derive(Clone, Debug)]
 pub struct Session {
-    /// How long it lasted, s.
+    /// Duration, s.
     pub seconds: f64,
-    /// Which clock it ran by.
+    /// Clock of the session.
     pub clock: Clock,
-    /// What the haptic loop measured.
+    /// Measurements of the haptic loop.
     pub haptic: HapticTelemetry,
-    /// What the contact loop measured.
+    /// Measurements of the contact loops.
     pub contact: ContactTelemetry,
-    /// How busy the machine was for the haptic thread; nothing is known of it on a simulated clock.
+    /// Load of the machine, for the haptic thread; empty on a simulated clock.
     pub machine: MachineLoad,
-    /// The distance tolerance d that contacts were looked for within, m.
+    /// Distance tolerance d of the contact queries, m.
     pub tolerance: f64,
-    /// The first error that the device gave, in the words of its driver; none if it gave none.
+    /// First error of the device, in the words of its driver, if any.
     pub device_error: Option<String>,
     /// Position of the [grasp](crate::settings::ToolSettings::grasp) in the mesh's frame, m.
     pub grasp: DVec3,
-    /// Which stages the scene switched on or off, and why.
+    /// Stages of the pipeline: on or off, and why.
     pub stages: BTreeMap<&'static str, String>,
-    /// Whether the wrenches that were sent kept what the engine promises of them, by [`Invariant`](crate::promises::Invariant).
+    /// Checks of the wrenches that were sent against the bounds that the engine promises, by
+    /// [`Invariant`](crate::promises::Invariant).
     pub invariants: BTreeMap<&'static str, Kept>,
 }
 
-/// The machine-readable summary of a session.
+/// Machine-readable summary of a session.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
     /// Duration, s.
     pub seconds: f64,
-    /// The haptic loop.
+    /// Haptic loop.
     pub haptic: HapticSummary,
-    /// The contact loop.
+    /// Contact loops.
     pub contact: ContactSummary,
-    /// What was asked of the operating system, and what came of it; none on a simulated clock.
+    /// Requests to the operating system, and their outcomes; `None` on a simulated clock.
     pub realtime: Option<RealtimeSetup>,
-    /// Time of the first touch, s: of the first step that a contact was known in; none if nothing was touched.
+    /// Time of the first step with a contact, s; `None` if nothing was touched.
     pub first_touch_s: Option<f64>,
-    /// Most contacts at once, before clustering.
+    /// Largest number of contacts at once, before clustering.
     pub contacts_max: u32,
-    /// Contacts at the end of the session.
+    /// Number of contacts at the end of the session.
     pub contacts_at_end: u32,
-    /// Distance tolerance d that contacts were looked for within, m: contacts push from there on.
+    /// Distance tolerance d of the contact queries, m: contacts push from this distance on.
     pub tolerance: f64,
     /// Deepest penetration, m.
     pub depth_max: f64,
     /// Position of the [grasp](crate::settings::ToolSettings::grasp) in the mesh's frame, m.
     pub grasp: DVec3,
-    /// Largest [stretch](crate::Record::stretch) of the coupling, m: how far the object's grasp was from where the device holds
-    /// it.
+    /// Largest [stretch](crate::Record::stretch) of the coupling, m: distance of the object's grasp from
+    /// where the device holds it.
     pub coupling_stretch_max: f64,
     /// Largest coupling force, N.
     pub coupling_force_max: f64,
     /// Smallest energy absorbed at the device port, J.
     pub energy_min_j: f64,
-    /// Energy that the passivity controller took out, J.
+    /// Energy that the passivity controller dissipated, J.
     pub dissipated_j: f64,
-    /// The first error that the device gave, in the words of its driver; none if it gave none.
+    /// First error of the device, in the words of its driver, if any.
     pub device_error: Option<String>,
-    /// Which stages ran, and why.
+    /// Stages of the pipeline: on or off, and why.
     pub stages: BTreeMap<&'static str, String>,
-    /// Whether the wrenches that were sent kept what the engine promises of them, by [`Invariant`](crate::promises::Invariant).
+    /// Checks of the wrenches that were sent against the bounds that the engine promises, by
+    /// [`Invariant`](crate::promises::Invariant).
     pub invariants: BTreeMap<&'static str, Kept>,
     /// Counts of events.
     pub events: Events,
 }
 
-/// The haptic loop in a [`Summary`].
+/// Summary of the haptic loop. Values that the operating system does not report are `None`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct HapticSummary {
-    /// Steps a second, Hz.
+    /// Rate of steps, Hz.
     pub rate_hz: f64,
-    /// Steps.
+    /// Number of steps.
     pub steps: u64,
-    /// Periods skipped.
+    /// Number of skipped periods.
     pub missed_deadlines: u64,
-    /// Those of them that passed while the step before was still running.
+    /// Number of skipped periods that passed while the previous step was still running.
     pub missed_by_step: u64,
-    /// Those of them for which the machine woke the thread late.
+    /// Number of skipped periods for which the machine woke the thread late.
     pub missed_by_machine: u64,
-    /// Processor time that other virtual machines took during the session, summed over all processors, s; none where the
-    /// operating system does not report it.
+    /// Processor time that other virtual machines took during the session, summed over all processors, s.
     pub stolen_s: Option<f64>,
-    /// How often the haptic thread was preempted; none where the operating system does not report it.
+    /// Number of times that the haptic thread was preempted.
     pub preempted: Option<u64>,
-    /// Time for which the haptic thread was ready to run, but waited for a processor, s; none where the operating system does
-    /// not report it.
+    /// Time for which the haptic thread was ready to run but waited for a processor, s.
     pub run_delay_s: Option<f64>,
-    /// How often the haptic thread found a page of its memory missing; none where the operating system does not report it.
+    /// Number of page faults of the haptic thread.
     pub page_faults: Option<u64>,
     /// Duration of a step, ns.
     pub step_ns: Percentiles,
-    /// Lateness of the wake-up, µs.
+    /// Lateness of wake-ups, µs.
     pub wake_us: Percentiles,
-    /// How the thread was scheduled; `lockstep` on a simulated clock.
+    /// Scheduling of the thread; `lockstep` on a simulated clock.
     pub scheduling: String,
 }
 
-/// The contact loop in a [`Summary`].
+/// Summary of the contact loops.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ContactSummary {
-    /// Queries a second, Hz.
+    /// Rate of contact queries, Hz.
     pub rate_hz: f64,
     /// Duration of a query with clustering and linearisation, µs.
     pub query_us: Percentiles,
-    /// On a simulated clock, how many queries took longer than the time between two of them, and so would not have kept up
-    /// with a contact loop of this rate; none in real time.
+    /// Number of queries that took longer in real time than the simulated time between two queries, and would
+    /// have missed this contact rate; `None` in real time.
     pub longer_than_slot: Option<u64>,
 }
 
 impl Session {
-    /// Closes the device and keeps what was measured.
+    /// Closes the device, and collects the measurements.
     pub(crate) fn close<T: Tool>(
         mut renderer: HapticRenderer<T>,
         seconds: f64,
@@ -204,7 +205,7 @@ impl Session {
         Self { seconds, clock, haptic, contact, machine, tolerance, device_error, grasp, stages, invariants }
     }
 
-    /// The machine-readable summary.
+    /// Makes the machine-readable summary.
     pub fn summary(&self) -> Summary {
         let (haptic, contact) = (&self.haptic, &self.contact);
         let rate = |count: u64| if self.seconds > 0.0 { count as f64 / self.seconds } else { 0.0 };
@@ -254,7 +255,7 @@ impl Session {
 }
 
 impl HapticSummary {
-    /// How many deadlines were missed and why, as a sentence for a person to read.
+    /// Sentence that says how many deadlines were missed, and why.
     pub fn missed_verdict(&self) -> String {
         if self.scheduling == LOCKSTEP {
             return "No deadline could be missed: the clock was simulated.".to_owned();
@@ -277,7 +278,7 @@ impl HapticSummary {
         }
     }
 
-    /// What the operating system reported of why the machine was late.
+    /// Reports of the operating system that explain why the machine was late.
     fn machine_signs(&self) -> Vec<String> {
         let stolen = self.stolen_s.filter(|stolen| *stolen > 0.0);
         let waited = self.run_delay_s.filter(|waited| *waited >= 1e-3);
@@ -294,7 +295,7 @@ impl HapticSummary {
     }
 }
 
-/// A number with commas between groups of three digits.
+/// Writes a number with commas between groups of three digits.
 fn grouped(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::with_capacity(digits.len() + digits.len() / 3);
@@ -308,14 +309,14 @@ fn grouped(number: u64) -> String {
 }
 
 impl<T: Tool> HapticRenderer<T> {
-    /// What the contact loops of all bodies measured.
+    /// Measurements of the contact loops of all bodies.
     fn contact_telemetry(&self) -> ContactTelemetry {
         let mut all = ContactTelemetry::default();
         self.contacts.iter().for_each(|contact| all.add(contact.telemetry()));
         all
     }
 
-    /// Which stages of the pipeline the scene and the settings need, and why.
+    /// Stages of the pipeline: on or off for the scene and the settings, and why.
     pub fn stages(&self) -> BTreeMap<&'static str, String> {
         let settings = self.settings();
         let query = match self.scene().objects().len() {
@@ -324,7 +325,7 @@ impl<T: Tool> HapticRenderer<T> {
             n => format!("on: {n} scene objects"),
         };
         let contact = &self.contacts[0];
-        let watched = if contact.is_watched() { "on: contacts are shown" } else { "off: nobody looks on" };
+        let watched = if contact.is_watched() { "on: contacts are shown" } else { "off: no monitor" };
         BTreeMap::from([
             ("braking", on_or_off(settings.search.braking)),
             ("clustering", format!("on beyond {} contacts", settings.search.clusters)),
@@ -343,7 +344,7 @@ impl<T: Tool> HapticRenderer<T> {
         ])
     }
 
-    /// The objects with their roles, the tool's first.
+    /// Objects with their roles, those of the tool first.
     fn objects(&self) -> impl Iterator<Item = (&'static str, &Object)> {
         let scene = self.scene().objects().iter().map(|placed| ("scene", &placed.object));
         self.bodies().iter().map(|body| ("probe", body)).chain(scene)
@@ -383,11 +384,11 @@ impl<T: Tool> HapticRenderer<T> {
     fn interpolation_stage(&self) -> String {
         match self.contacts[0].error() {
             error if error > 0.0 && !self.settings().detail.interpolation => {
-                format!("off, as asked for: detail is left out up to {error} m")
+                format!("off by its setting: detail is left out up to {error} m")
             }
             error if error > 0.0 => format!("on: detail is left out up to {error} m"),
             _ if self.settings().detail.error > 0.0 => "off: every object is one convex hull".to_owned(),
-            _ => "off: full resolution is asked for".to_owned(),
+            _ => "off: full resolution is set".to_owned(),
         }
     }
 
@@ -410,11 +411,11 @@ impl<T: Tool> HapticRenderer<T> {
         format!("on, computed by {backend}: {}", textured.join(", "))
     }
 
-    /// What of a wrench the device makes felt, and which of the handle's motions it senses.
+    /// Axes along and about which the device renders, and those along and about which it senses no motion.
     fn device_stage(&self) -> String {
         let Specification { name, actuated, sensed, .. } = self.device.specification();
         let felt = match (named(actuated.translation), named(actuated.rotation)) {
-            (None, None) => "off: no force, the device only moves".to_owned(),
+            (None, None) => "off: no force and no torque".to_owned(),
             (Some(force), None) => format!("on: force along {force}, no torque"),
             (None, Some(torque)) => format!("on: torque about {torque}, no force"),
             (Some(force), Some(torque)) => format!("on: force along {force}, torque about {torque}"),
@@ -431,12 +432,12 @@ impl<T: Tool> HapticRenderer<T> {
     }
 }
 
-/// Of a stage that a setting switches.
+/// State of a stage that a setting switches.
 fn on_or_off(on: bool) -> String {
     if on { "on: by its setting" } else { "off: by its setting" }.to_owned()
 }
 
-/// The names of the axes that are set.
+/// Names of the axes that are set; `None` if no axis is.
 fn named(axes: [bool; 3]) -> Option<String> {
     let names: Vec<&str> =
         ["x", "y", "z"].into_iter().zip(axes).filter(|&(_, set)| set).map(|(name, _)| name).collect();
@@ -472,7 +473,7 @@ mod tests {
             "12 of 10,000 deadlines missed: 11 because the machine woke the thread late (other virtual machines took \
              0.40 s of processor time, the thread was preempted 35 times), 1 because the step took longer than its period."
         );
-        // Nothing is said of what was not measured, or did not happen.
+        // The sentence leaves out counters that were not measured or are zero.
         assert_eq!(
             summary(999, 1, 0).missed_verdict(),
             "1 of 1,000 deadlines missed: 1 because the machine woke the thread late."
@@ -487,7 +488,7 @@ mod tests {
             quiet.missed_verdict(),
             "2,000,000 of 2,000,001 deadlines missed: 2,000,000 because the machine woke the thread late."
         );
-        // The machine's troubles do not explain a long step.
+        // The load of the machine does not explain a long step.
         let long = HapticSummary { stolen_s: Some(0.4), preempted: Some(35), ..summary(99, 0, 1) };
         assert_eq!(
             long.missed_verdict(),

@@ -1,6 +1,7 @@
-//! Settings that change while a session runs, smoothly.
+//! Changes of settings while a session runs.
 //!
-//! What follows from them is reckoned in the caller's thread, and waits in lock-free rings for the two loops.
+//! The caller's thread computes the new gains; they wait in lock-free rings for the two loops, which change
+//! to them smoothly.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -11,13 +12,13 @@ use crate::settings::live::{ContactTuning, HapticTuning};
 use crate::settings::{DetailSettings, LiveSettings, Settings, SettingsError};
 use crate::tool::gains::{Gains, Grasped};
 
-/// Changes that may wait for a loop.
-const WAITING: usize = 64;
+/// Capacity of the ring of changes to a loop. When it is full, changes are refused.
+const MAX_WAITING: usize = 64;
 
-/// Why settings were not changed.
+/// A change of settings was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsEditError {
-    /// As when a session is made with them.
+    /// A setting is out of range.
     #[error(transparent)]
     Refused(#[from] SettingsError),
     /// Contacts are found as representatives, which have no detail to leave out.
@@ -25,19 +26,20 @@ pub enum SettingsEditError {
         "detail.error cannot change while contacts are found as representatives; make a new session with it"
     )]
     Detail,
-    /// As many changes as may wait for the loops do: they are slower than the host, or the session has ended.
-    #[error("{WAITING} changes wait; make fewer, or see whether the session still runs")]
+    /// The ring of changes is full: the loops are slower than the host, or the session has ended.
+    #[error("{MAX_WAITING} changes wait for the loops; make fewer, or check that the session still runs")]
     Full,
 }
 
-/// Changes the settings of a session, from any thread. Made by
+/// Editor of the settings of a session, usable from any thread. Made by
 /// [`HapticRenderer::settings_editor`](crate::HapticRenderer::settings_editor).
 ///
 /// A clone changes the same settings.
 #[derive(Clone, Debug)]
 pub struct SettingsEditor(Arc<Mutex<Edited>>);
 
-/// What all editors of a session's settings share. The loops never wait for it: they have the other ends of the rings.
+/// State that all editors of a session's settings share. The loops never lock it: they hold the other ends of
+/// the rings.
 #[derive(Debug)]
 struct Edited {
     settings: Settings,
@@ -60,21 +62,21 @@ impl SettingsEditor {
         Self(Arc::new(Mutex::new(Edited { settings, grasped, specification, by_fields, haptic, contact })))
     }
 
-    /// The changes for a haptic loop.
-    pub(crate) fn tunes_haptic(&self) -> Consumer<HapticTuning> {
-        let (tunings, waiting) = RingBuffer::new(WAITING);
+    /// Adds the ring of changes to a haptic loop.
+    pub(crate) fn add_haptic_loop(&self) -> Consumer<HapticTuning> {
+        let (tunings, waiting) = RingBuffer::new(MAX_WAITING);
         self.edited().haptic.push(tunings);
         waiting
     }
 
-    /// The changes for a contact loop.
-    pub(crate) fn tunes_contact(&self) -> Consumer<ContactTuning> {
-        let (tunings, waiting) = RingBuffer::new(WAITING);
+    /// Adds the ring of changes to a contact loop.
+    pub(crate) fn add_contact_loop(&self) -> Consumer<ContactTuning> {
+        let (tunings, waiting) = RingBuffer::new(MAX_WAITING);
         self.edited().contact.push(tunings);
         waiting
     }
 
-    /// The settings that the session has, or is going over to.
+    /// Settings that the session has, or is changing to.
     pub fn settings(&self) -> Settings {
         self.edited().settings
     }
@@ -83,11 +85,11 @@ impl SettingsEditor {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Goes over to other settings, in 0.2 s.
+    /// Changes to other settings, smoothly over 0.2 s.
     ///
     /// # Errors
-    /// If one is out of range, detail is to be left out where contacts are found as representatives, which have none to leave out, or too
-    /// many changes wait; nothing is changed then.
+    /// If a setting is out of range, the error threshold changes while contacts are found as representatives,
+    /// which have no detail to leave out, or too many changes wait. Nothing is changed then.
     pub fn set(&mut self, live: LiveSettings) -> Result<(), SettingsEditError> {
         let mut edited = self.edited();
         let edited = &mut *edited;
@@ -101,7 +103,7 @@ impl SettingsEditor {
         }
         let Gains { coupling, velocity_lags, slew, max_damping, contacts: parameters, .. } = gains;
         let DetailSettings { error, interpolation, query_budget } = settings.detail;
-        // Each has room.
+        // Every ring has room by now, so all loops receive the change.
         for haptic in &mut edited.haptic {
             let tuning = HapticTuning { coupling, velocity_lags, slew, max_damping };
             haptic.push(tuning).map_err(|_| SettingsEditError::Full)?;

@@ -1,4 +1,4 @@
-//! A session in threads of its own, for a host that has other things to do.
+//! Sessions in their own threads, beside the threads of a host.
 
 use std::any::Any;
 use std::convert::Infallible;
@@ -18,9 +18,10 @@ use crate::scene::editor::SceneEditor;
 use crate::tool::Tool;
 use crate::tool::rigid::Rigid;
 
-/// A session that runs, and what a host does with it. It ends when its [`handle`](Self::handle) is stopped or dropped.
+/// Running session, with its editors and monitors. It ends when its [`handle`](Self::handle) is stopped or
+/// dropped.
 ///
-/// The parts can be taken apart, each to a thread of its own, with [`split`](Self::split) or by destructuring:
+/// [`split`](Self::split) or destructuring it allows each part to move to another thread:
 ///
 /// ```
 /// # use palpate::device::Emulation;
@@ -38,20 +39,20 @@ use crate::tool::rigid::Rigid;
 /// ```
 #[derive(Debug)]
 pub struct RunningSession<T: Tool = Rigid> {
-    /// Changes its scene.
+    /// Editor of the scene.
     pub scene: SceneEditor,
-    /// Changes its settings.
+    /// Editor of the settings.
     pub settings: SettingsEditor,
-    /// Shows the contacts of each body.
+    /// Monitor of the contacts of each body.
     pub contacts: T::PerBody<ContactMonitor>,
-    /// Reports what contacts push the scene's objects with.
+    /// Queue of contact reactions on scene objects.
     pub reactions: Reactions,
-    /// Shows its steps, and ends it.
+    /// Handle that shows the steps, and ends the session.
     pub handle: SessionHandle<T>,
 }
 
-/// Shows the steps of a session that runs in threads of its own. The session ends when this is [stopped](Self::stop) or
-/// dropped; the device is sent a wrench of zero then.
+/// Handle of a running session: shows its steps, and ends it. When it is [stopped](Self::stop) or dropped,
+/// the session ends, and the device receives a wrench of zero.
 #[derive(Debug)]
 pub struct SessionHandle<T: Tool = Rigid> {
     latest: triple_buffer::Output<Option<T::Record>>,
@@ -61,12 +62,12 @@ pub struct SessionHandle<T: Tool = Rigid> {
     thread: Option<JoinHandle<Session>>,
 }
 
-/// A panic ended a session: of its device's driver, as a rule, for the engine's loops do not panic. What the session
-/// measured is lost.
+/// A panic ended a session: usually one of the device's driver, since the engine's loops do not panic. The
+/// session's measurements are lost.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a panic ended the session: {message}")]
 pub struct SessionPanic {
-    /// What the panic said.
+    /// Message of the panic.
     pub message: String,
 }
 
@@ -74,16 +75,16 @@ impl SessionPanic {
     fn new(panic: &(dyn Any + Send)) -> Self {
         let text = panic.downcast_ref::<&str>().copied();
         let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
-        Self { message: text.unwrap_or("it did not say why").to_owned() }
+        Self { message: text.unwrap_or("no message").to_owned() }
     }
 }
 
 impl<T: Tool> HapticRenderer<T> {
-    /// Renders in real time, in threads of its own, until it is stopped. Editors, watches and reactions that were taken of the
-    /// renderer before work on.
+    /// Renders in real time, in its own threads, until it is stopped. Editors, monitors and reactions that
+    /// were taken from the renderer before continue to work.
     ///
     /// # Errors
-    /// If the system gives no thread.
+    /// If the system refuses a thread.
     pub fn spawn(mut self) -> std::io::Result<RunningSession<T>> {
         let (scene, contacts, reactions) = (self.scene_editor(), self.contact_monitor(), self.reactions());
         let settings = self.settings_editor();
@@ -108,8 +109,8 @@ impl<T: Tool> HapticRenderer<T> {
 }
 
 impl<T: Tool> RunningSession<T> {
-    /// The handle, the editor of the scene and the watch of contacts, which may each go to another thread. Destructuring gives the
-    /// editor of settings and the reactions as well.
+    /// Splits the session into its handle, the editor of the scene and the contact monitor, which may each
+    /// move to another thread. Destructuring gives the editor of settings and the reactions as well.
     pub fn split(self) -> (SessionHandle<T>, SceneEditor, T::PerBody<ContactMonitor>) {
         (self.handle, self.scene, self.contacts)
     }
@@ -139,18 +140,19 @@ impl<T: Tool> RunningSession<T> {
 }
 
 impl<T: Tool> SessionHandle<T> {
-    /// The latest step that is known, without waiting for one: some milliseconds old. None before the first.
+    /// Record of the latest step, some milliseconds old; `None` before the first. It does not wait for a
+    /// step.
     pub fn latest(&mut self) -> Option<&T::Record> {
         self.latest.read().as_ref()
     }
 
-    /// Whether it still runs: it does until it is stopped, unless the device's driver panics.
+    /// Whether the session still runs: until it is stopped, or the device's driver panics.
     pub fn is_running(&self) -> bool {
         self.thread.as_ref().is_some_and(|thread| !thread.is_finished())
     }
 
-    /// The first error that the device gave, if any. The session goes on after one: it sends no wrench until the device
-    /// answers again.
+    /// First error of the device, if any. The session continues after an error, and sends no wrench until the
+    /// device answers again.
     pub fn device_error(&self) -> Option<&DeviceError> {
         self.device_error.get()
     }
@@ -161,8 +163,7 @@ impl<T: Tool> SessionHandle<T> {
     /// If the device's driver panicked.
     pub fn stop(mut self) -> Result<Session, SessionPanic> {
         self.stop.store(true, Ordering::Release);
-        // It is there until this or a drop.
-        #[expect(clippy::expect_used, reason = "taken here and in drop alone")]
+        #[expect(clippy::expect_used, reason = "the thread is only taken here and in drop")]
         let thread = self.thread.take().expect("a thread that has not been joined");
         thread.join().map_err(|panic| SessionPanic::new(panic.as_ref()))
     }
@@ -172,7 +173,7 @@ impl<T: Tool> Drop for SessionHandle<T> {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Release);
         if let Some(thread) = self.thread.take() {
-            // A driver's panic ended the session already.
+            // The result is not needed; a panic of the driver has already ended the session.
             let _ = thread.join();
         }
     }

@@ -1,6 +1,7 @@
-//! Built hierarchies and distance fields, kept in the user's cache folder (`palpate` in it) under a name derived from the mesh.
+//! Cache of built hierarchies and distance fields, in the folder `palpate` of the user's cache folder, under
+//! names derived from the mesh.
 //!
-//! A cache that cannot be read or written is as good as none: what is wanted is built, and the session goes on.
+//! If the cache cannot be read or written, hierarchies and fields are built anew.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::ControlFlow;
@@ -12,10 +13,11 @@ use palpate_field::FieldOptions;
 
 use crate::scene::field::{FIELD_REVISION, Field};
 
-/// Changes whenever what is kept with a field does.
-const WITH_FIELD: u32 = 1;
+/// Revision of the data that are stored with a field. Raise it when their format or meaning changes;
+/// otherwise old files are read wrongly.
+const STORED_FIELD_REVISION: u32 = 1;
 
-/// The hierarchy of `mesh`, from the cache if it is there, else built and kept.
+/// Loads the hierarchy of `mesh` from the cache, or builds and stores it.
 pub(crate) fn build_or_load(
     mesh: &TriMesh,
     options: &BuildOptions,
@@ -29,21 +31,22 @@ pub(crate) fn build_or_load(
     }
     let clod = palpate_clod_build::build(mesh, options, progress)?;
     if let Some(path) = path {
-        keep(&path, |partial| clod.save(partial).is_ok());
+        store(&path, |partial| clod.save(partial).is_ok());
     }
     Ok(clod)
 }
 
-/// Where the hierarchy of `mesh` is kept: the name holds the builder's revision and a hash of the mesh and the options.
+/// Path of the hierarchy of `mesh`: the name holds the builder's revision and a hash of the mesh and the
+/// options.
 fn path_of(mesh: &TriMesh, options: &BuildOptions) -> Option<PathBuf> {
     let name = format!("{REVISION}-{:016x}.clod", hash_of(mesh, &format!("{options:?}")));
     Some(cache_folder()?.join(name))
 }
 
-/// A hash of a mesh, and of how something is made of it.
-fn hash_of(mesh: &TriMesh, how: &str) -> u64 {
+/// Hash of a mesh, and of the options with which something is made of it.
+fn hash_of(mesh: &TriMesh, options: &str) -> u64 {
     let mut hasher = DefaultHasher::new();
-    how.hash(&mut hasher);
+    options.hash(&mut hasher);
     mesh.triangles().hash(&mut hasher);
     for vertex in mesh.vertices() {
         vertex.to_array().map(f64::to_bits).hash(&mut hasher);
@@ -51,40 +54,44 @@ fn hash_of(mesh: &TriMesh, how: &str) -> u64 {
     hasher.finish()
 }
 
-/// The distance field of `mesh`, from the cache if it is there, else made and kept. The name holds the revision of how it is made.
+/// Loads the distance field of `mesh` from the cache, or makes and stores it. The file's name holds the
+/// revisions of the field.
 pub(crate) fn field(mesh: &TriMesh, options: &FieldOptions) -> Field {
-    let name = format!("{FIELD_REVISION}.{WITH_FIELD}-{:016x}.field", hash_of(mesh, &format!("{options:?}")));
+    let hash = hash_of(mesh, &format!("{options:?}"));
+    let name = format!("{FIELD_REVISION}.{STORED_FIELD_REVISION}-{hash:016x}.field");
     let path = cache_folder().map(|folder| folder.join(name));
-    let kept = path.as_ref().and_then(|path| std::fs::read(path).ok());
-    if let Some(field) = kept.and_then(|bytes| Field::from_bytes(&bytes)) {
+    let stored = path.as_ref().and_then(|path| std::fs::read(path).ok());
+    if let Some(field) = stored.and_then(|bytes| Field::from_bytes(&bytes)) {
         return field;
     }
     let field = Field::new(mesh, options);
     if let Some(path) = path {
-        keep(&path, |partial| std::fs::write(partial, field.to_bytes()).is_ok());
+        store(&path, |partial| std::fs::write(partial, field.to_bytes()).is_ok());
     }
     field
 }
 
-/// The folder that built hierarchies are kept in, whether or not it exists yet; none where the system names no cache folder
-/// for this user.
+/// Folder of the cache, whether or not it exists yet; `None` if the system names no cache folder for this
+/// user.
 pub fn cache_folder() -> Option<PathBuf> {
     Some(dirs::cache_dir()?.join("palpate"))
 }
 
-/// A guard against a hash collision and a stale file.
+/// Whether a hierarchy has the vertex and triangle counts of `mesh`: guards against hash collisions and stale
+/// files.
 fn made_from(clod: &Clod, mesh: &TriMesh) -> bool {
     clod.source.vertices as usize == mesh.vertices().len()
         && clod.source.triangles as usize == mesh.triangles().len()
 }
 
-/// Writes the file under another name first, so that a session that ends meanwhile leaves no half a file.
-fn keep(path: &Path, write: impl FnOnce(&Path) -> bool) {
+/// Writes a file under another name and renames it, so that a session that ends meanwhile does not leave a
+/// partial file.
+fn store(path: &Path, write: impl FnOnce(&Path) -> bool) {
     let Some(folder) = path.parent() else { return };
     let partial = path.with_extension(format!("{}.partial", std::process::id()));
     let written = std::fs::create_dir_all(folder).is_ok() && write(&partial);
     if !(written && std::fs::rename(&partial, path).is_ok()) {
-        // Nothing to be done about a partial file that cannot be removed either.
+        // If the partial file cannot be removed either, it stays.
         drop(std::fs::remove_file(&partial));
     }
 }

@@ -1,7 +1,8 @@
 //! Changes to the scene while a session runs.
 //!
-//! They wait in a lock-free ring for the contact loop, which takes them at the beginning of its next step: what an object
-//! needs is allocated there or before, and given back there, never in the haptic loop. That renders the contacts known so far meanwhile.
+//! Changes wait in a lock-free ring for the contact loop, which makes them at the beginning of its next step.
+//! Memory of objects is allocated there or in the caller's thread, and freed there, never in the haptic loop,
+//! which meanwhile renders the contacts known so far.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -14,10 +15,10 @@ use crate::scene::SceneId;
 use crate::scene::moving::DynamicBody;
 use crate::scene::object::Object;
 
-/// Changes that may wait for the contact loop.
-const WAITING: usize = 1024;
+/// Capacity of the ring of changes to a contact loop. When it is full, changes are refused.
+const MAX_WAITING: usize = 1024;
 
-/// A change.
+/// Change to the scene.
 #[derive(Clone, Debug)]
 pub(crate) enum Edit {
     Add(SceneId, Object, Pose),
@@ -28,51 +29,55 @@ pub(crate) enum Edit {
     Remove(SceneId),
 }
 
-/// Why a change was not taken.
+/// A change to the scene was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EditError {
-    /// The contact loop has as many changes to make as may wait for it: it is slower than the host, or the session has ended.
-    #[error("{WAITING} changes wait for the contact loop; make fewer, or see whether the session still runs")]
+    /// The ring of changes is full: the contact loop is slower than the host, or the session has ended.
+    #[error(
+        "{MAX_WAITING} changes wait for the contact loop; make fewer, or check that the session still runs"
+    )]
     Full,
     /// The scene has no such object.
     #[error("the scene has no object {}; it was removed, or belongs to another session", .0.0)]
     Unknown(SceneId),
     /// The pose is invalid.
-    #[error("a pose is not finite, or its quaternion not of unit length")]
+    #[error("a pose is not finite, or its quaternion is not of unit length")]
     Pose,
     /// The velocity is not finite.
     #[error("a velocity is not finite")]
     Twist,
     /// The dynamic body is invalid.
     #[error(
-        "a dynamic body's mass, period or principal moments of inertia are not above 0, or not finite, or no body has them"
+        "a dynamic body's mass, period and principal moments of inertia must be finite and above 0, and no moment may exceed \
+         the sum of the other two"
     )]
     DynamicBody,
 }
 
-/// Changes the scene of a session, from any thread. Made by
-/// [`HapticRenderer::scene_editor`](crate::HapticRenderer::scene_editor), for all bodies of a tool.
+/// Editor of the scene of a session, for all bodies of a tool, usable from any thread. Made by
+/// [`HapticRenderer::scene_editor`](crate::HapticRenderer::scene_editor).
 ///
-/// A clone edits the same scene: an object that one adds is known to the others.
+/// A clone edits the same scene: objects added by one clone can be edited by the others.
 ///
-/// The contact loop skips a change that it cannot make, such as adding an object whose texture cannot be rendered, and
-/// [counts](crate::Events::edit_refused) it.
+/// If the contact loop cannot make a change, such as adding an object whose texture cannot be rendered, it
+/// skips the change and [counts](crate::Events::edit_refused) it.
 #[derive(Clone, Debug)]
 pub struct SceneEditor(Arc<Mutex<Edits>>);
 
-/// What all editors of a scene share. The contact loop never waits for it: it has the other ends of the rings.
+/// State that all editors of a scene share. The contact loops never lock it: they hold the other ends of the
+/// rings.
 #[derive(Debug)]
 struct Edits {
-    /// To each contact loop.
+    /// Ring of changes to each contact loop.
     waiting: Vec<Producer<Edit>>,
     known: BTreeSet<SceneId>,
     next: usize,
-    /// What an object is to have besides its hierarchy.
+    /// Options of the objects' fields, if contacts are found in fields.
     fields: Option<FieldOptions>,
 }
 
 impl SceneEditor {
-    /// For a scene that begins with these objects.
+    /// Makes the editor of a scene with these objects, and the ring of changes to the first contact loop.
     pub(crate) fn new(
         objects: impl IntoIterator<Item = SceneId>,
         fields: Option<FieldOptions>,
@@ -80,26 +85,26 @@ impl SceneEditor {
         let known: BTreeSet<SceneId> = objects.into_iter().collect();
         let next = known.last().map_or(0, |last| last.0 + 1);
         let editor = Self(Arc::new(Mutex::new(Edits { waiting: Vec::new(), known, next, fields })));
-        let waiting = editor.also();
+        let waiting = editor.add_loop();
         (editor, waiting)
     }
 
-    /// For one more contact loop with the same scene.
-    pub(crate) fn also(&self) -> Consumer<Edit> {
-        let (edits, waiting) = RingBuffer::new(WAITING);
+    /// Adds the ring of changes to one more contact loop with the same scene.
+    pub(crate) fn add_loop(&self) -> Consumer<Edit> {
+        let (edits, waiting) = RingBuffer::new(MAX_WAITING);
         self.edits().waiting.push(edits);
         waiting
     }
 
-    /// The number that the next object gets.
+    /// Identifier of the next object.
     pub(crate) fn next_id(&self) -> SceneId {
         SceneId(self.edits().next)
     }
 
-    /// Takes note of an object that was added, or removed, otherwise than by an editor.
-    pub(crate) fn note(&self, id: SceneId, is_there: bool) {
+    /// Notes an object that was added or removed without an editor.
+    pub(crate) fn note(&self, id: SceneId, exists: bool) {
         let mut edits = self.edits();
-        if is_there {
+        if exists {
             edits.known.insert(id);
             edits.next = edits.next.max(id.0 + 1);
         } else {
@@ -109,8 +114,9 @@ impl SceneEditor {
 
     /// Adds an object, its mesh's frame at a pose in the world.
     ///
-    /// The caller's thread prepares the object's hierarchy for queries, and where contacts are [found in
-    /// fields](crate::settings::ContactSearch::Representatives) makes its field. An object whose surface is not closed is not added there.
+    /// The object's hierarchy is prepared for queries in the caller's thread, and its field where contacts
+    /// are [found in fields](crate::settings::ContactSearch::Representatives). The contact loop then refuses
+    /// an object with an open surface.
     ///
     /// # Errors
     /// If the pose is invalid, or too many changes wait.
@@ -126,7 +132,7 @@ impl SceneEditor {
         Ok(id)
     }
 
-    /// Replaces an object by another one, as itself [scaled](Object::scaled), at a pose.
+    /// Replaces an object by another one, such as itself [scaled](Object::scaled), at a pose.
     ///
     /// # Errors
     /// As [`add`](Self::add), or if the scene has no such object.
@@ -136,8 +142,8 @@ impl SceneEditor {
         self.change(id, Edit::Replace(id, object.clone(), pose))
     }
 
-    /// Puts an object elsewhere, at once. Contacts are rendered as if it stood still there: for an object that moves, use
-    /// [`set_motion`](Self::set_motion).
+    /// Places an object at another pose, at once. Contacts are rendered as if the object stood still there:
+    /// for an object that moves, use [`set_motion`](Self::set_motion).
     ///
     /// # Errors
     /// As [`replace`](Self::replace).
@@ -146,9 +152,10 @@ impl SceneEditor {
         self.change(id, Edit::Move(id, pose))
     }
 
-    /// Sets pose and velocity of an object that moves, `linear` being the velocity of its mesh frame's origin. Call it as often as
-    /// the host has new values, at least 20 times a second: in between the object moves on at that velocity, and goes over
-    /// smoothly to the next values; after 50 ms without any it stands still.
+    /// Sets pose and velocity of an object that moves; `linear` is the velocity of its mesh frame's origin.
+    /// Call it as often as the host has new values, at least 20 times a second. In between the object
+    /// continues at that velocity, and it changes smoothly to the next values; after 50 ms without new values
+    /// it stands still.
     ///
     /// # Errors
     /// As [`replace`](Self::replace), or if the velocity is not finite.
@@ -160,8 +167,9 @@ impl SceneEditor {
         self.change(id, Edit::Motion(id, pose, twist))
     }
 
-    /// Sets how contacts move an object: they then push it back, which [`Reactions`](crate::Reactions) report, and are as
-    /// soft as is stable with one so light. With `None`, contacts do not move it.
+    /// Sets the mass and inertia of an object that contacts push. The [`Reactions`](crate::Reactions) on it
+    /// are reported, and its contacts are only as stiff as is stable with such a mass. With `None`, contacts
+    /// do not push it.
     ///
     /// # Errors
     /// If the dynamic body is invalid, the scene has no such object, or too many changes wait.
@@ -180,17 +188,17 @@ impl SceneEditor {
         self.change(id, Edit::Remove(id))
     }
 
-    /// Lets the caller wait for what takes long, not the contact loop.
+    /// Prepares an object for queries in the caller's thread, so that the contact loop need not.
     fn prepare(&self, object: &Object) {
         object.shape();
         let fields = self.edits().fields;
         if let Some(fields) = fields {
-            // Where there is none, the contact loop refuses the object.
+            // If the object can have no field, the contact loop refuses it.
             drop(object.field(fields));
         }
     }
 
-    /// A change of an object that is there.
+    /// Sends a change of an object that exists.
     fn change(&self, id: SceneId, edit: Edit) -> Result<(), EditError> {
         let mut edits = self.edits();
         if !edits.known.contains(&id) {
@@ -210,7 +218,7 @@ impl SceneEditor {
 }
 
 impl Edits {
-    /// To all loops, or to none.
+    /// Sends a change to all loops, or to none.
     fn push(&mut self, edit: Edit) -> Result<(), EditError> {
         if self.waiting.iter().any(Producer::is_full) {
             return Err(EditError::Full);

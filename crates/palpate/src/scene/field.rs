@@ -1,4 +1,4 @@
-//! Distance fields of objects, made by `palpate-field`, and what is asked of two of them.
+//! Distance fields of objects, made by `palpate-field`, and contact queries between two of them.
 
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, TriMesh};
@@ -7,46 +7,49 @@ use palpate_field::{AreaContact, FieldBody, FieldOptions, FieldOutcome, FieldQue
 
 use crate::scene::walls::thin_share;
 
-/// Reach of the law, and edge of the cells that contacts stand for, as parts of the probe's bounding radius.
+/// Reach of the area law, and edge of the cells that contacts represent, in bounding radii of the probe. With
+/// a larger reach fewer contacts represent larger areas.
 pub(crate) const FIELD_REACH: f64 = 0.25;
 
-/// How far fields know distances, in tolerances: as far as sessions look ahead, and for a body behind its proxy.
+/// Width of the band around a surface in which its field holds distances, in tolerances. Sessions look ahead
+/// as far as this, and bodies may be as far from their proxies; with a narrower band, contacts there are
+/// missed.
 const BAND: f64 = 4.0;
 
-/// What the fields of objects are made with, for contacts within a tolerance (m).
+/// Options of the fields of objects, for contacts within a tolerance (m).
 pub(crate) fn field_options(tolerance: f64) -> FieldOptions {
     FieldOptions { band: BAND * tolerance, ..FieldOptions::new(tolerance) }
 }
 
-/// Why an object has no field.
+/// Representative contacts cannot be found with an object.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FieldError {
-    /// The error of contacts is out of range.
+    /// The error allowed for contacts is out of range.
     #[error(
         "the error of representative contacts is {given} m; give metres from {finest:.3e} to {coarsest:.3e}, 0.02 % to 1 % of \
          the bounding radius of {name}"
     )]
     Error {
-        /// The probe's name.
+        /// Name of the probe.
         name: String,
-        /// What was asked for, m.
+        /// Error given, m.
         given: f64,
-        /// The least that can be, m.
+        /// Smallest error accepted, m.
         finest: f64,
-        /// The most, m.
+        /// Largest error accepted, m.
         coarsest: f64,
     },
-    /// Its surface is open.
+    /// The object's surface is open.
     #[error(
-        "{name}: its surface is not closed, so that representative contacts cannot tell inside from outside"
+        "{name}: its surface is not closed, so that representative contacts cannot distinguish inside from outside"
     )]
     Open {
-        /// The object's name.
+        /// Name of the object.
         name: String,
     },
 }
 
-/// An object's surface and its distance field.
+/// Surface of an object and its distance field.
 #[derive(Clone, Debug)]
 pub struct Field {
     body: FieldBody,
@@ -58,18 +61,18 @@ impl Field {
         Self { body: FieldBody::new(mesh, options), thin: thin_share(mesh, options.tolerance) }
     }
 
-    /// By how much depths are off that are read in the field, m ([`FieldBody::error`]).
+    /// Error of depths that are read in the field, m ([`FieldBody::error`]).
     pub fn error(&self) -> f64 {
         self.body.error()
     }
 
-    /// The part of the surface, by its area, that bounds walls thinner than the tolerance d. Of such the field does not tell well on
-    /// which side a place is.
+    /// Fraction of the surface's area that bounds walls thinner than the tolerance d. Near such walls the
+    /// field does not reliably show on which side a point is.
     pub fn thin_share(&self) -> f64 {
         self.thin
     }
 
-    /// Bytes of memory held.
+    /// Memory in use, bytes.
     pub fn bytes(&self) -> usize {
         self.body.bytes()
     }
@@ -80,7 +83,7 @@ impl Field {
         bytes
     }
 
-    /// What [`to_bytes`](Self::to_bytes) gave; `None` of anything else.
+    /// Reads the output of [`to_bytes`](Self::to_bytes); `None` if the bytes are not valid.
     pub(crate) fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (body, thin) = bytes.split_last_chunk()?;
         let thin = f64::from_le_bytes(*thin);
@@ -89,12 +92,12 @@ impl Field {
     }
 }
 
-/// A workspace for queries of a probe with a scene object.
+/// Makes the workspace of queries between a probe and a scene object.
 pub(crate) fn new_query(probe: &Field, scene: &Field) -> FieldQuery {
     FieldQuery::new(&probe.body, &scene.body, FIELD_REACH)
 }
 
-/// Adds the contacts of two fields at poses.
+/// Finds the contacts of two fields at poses, and appends them to `into`.
 pub(crate) fn find(
     query: &mut FieldQuery,
     (probe, probe_pose): (&Field, &Pose),
@@ -107,8 +110,8 @@ pub(crate) fn find(
     query.outcome()
 }
 
-/// A mesh of the triangles of a surface whose corners are told one by one, equal ones welded. Triangles without area are left out:
-/// they have no normal, and no other point than their neighbours.
+/// Welds equal corners of triangles into a mesh. Triangles without area are left out: they have no normal,
+/// and all their points are on their neighbours.
 pub(crate) fn welded(triangles: impl Iterator<Item = [DVec3; 3]>) -> Option<TriMesh> {
     let (mut vertices, mut places) = (Vec::new(), std::collections::HashMap::new());
     let mut place = |corner: DVec3| {

@@ -1,18 +1,18 @@
-//! Scenes as files, in TOML:
+//! Scene files, in TOML:
 //!
 //! ```toml
-//! # Mesh files, by paths from this file's folder, .clod files and built-in models.
+//! # Mesh files and .clod files, by paths relative to this file's folder, and built-in models.
 //! [[object]]
 //! model = "lower-jaw"
 //!
 //! [[object]]
 //! model = "ellipsoid@500"
-//! position = [0.0, 0.0, 0.05]        # of its mesh's frame in the world, m
+//! position = [0.0, 0.0, 0.05]        # position of the mesh's frame in the world, m
 //! rotation = [0.0, 0.0, 0.0, 1.0]    # quaternion x, y, z, w
-//! scale = 0.5                        # factor on its lengths
-//! repair = true                      # make an oriented 2-manifold without self-intersection of it
+//! scale = 0.5                        # factor on the mesh's lengths
+//! repair = true                      # repair the mesh to an oriented 2-manifold without self-intersections
 //!
-//! # What differs from the usual settings; see Settings.
+//! # Settings that differ from the defaults; see Settings.
 //! [settings.contact]
 //! friction = 0.3
 //! stiffness = 1000.0
@@ -30,34 +30,34 @@ use crate::scene::Scene;
 use crate::scene::object::{Object, OpenError, OpenOptions, names_file};
 use crate::settings::Settings;
 
-/// A scene and settings as a file has them.
+/// Contents of a scene file: objects and settings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
-    /// The objects, in their order.
+    /// Objects, in the file's order.
     #[serde(default, rename = "object", skip_serializing_if = "Vec::is_empty")]
     pub objects: Vec<ObjectEntry>,
-    /// What to render with.
+    /// Settings of the session.
     #[serde(default)]
     pub settings: Settings,
 }
 
-/// An object of a scene file.
+/// Object of a scene file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectEntry {
-    /// A mesh file, a `.clod` file or a built-in model, as [`Object::open`] takes them.
+    /// Mesh file, `.clod` file or built-in model, as in [`Object::open`].
     pub model: String,
-    /// Of its mesh's frame in the world, m.
+    /// Position of the mesh's frame in the world, m.
     #[serde(default)]
     pub position: DVec3,
-    /// Quaternion x, y, z, w; made of unit length.
+    /// Rotation, a quaternion x, y, z, w that is normalised on reading.
     #[serde(default = "upright")]
     pub rotation: DQuat,
-    /// Factor on its lengths.
+    /// Factor on the mesh's lengths.
     #[serde(default = "one")]
     pub scale: f64,
-    /// Whether to make an oriented 2-manifold without self-intersection of it.
+    /// Whether to repair the mesh to an oriented 2-manifold without self-intersections.
     #[serde(default)]
     pub repair: bool,
 }
@@ -70,35 +70,35 @@ pub(crate) fn one() -> f64 {
     1.0
 }
 
-/// Why a scene file was refused.
+/// A scene or tool file was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneFileError {
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error("{path}: {source}")]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Cause.
         source: std::io::Error,
     },
-    /// It is no scene: says where.
+    /// The file is not a valid scene or tool.
     #[error("{path}: {message}")]
     Format {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What, in which line, and what would do.
+        /// The line, the fault, and what is expected there.
         message: String,
     },
-    /// An object's pose or scale is none.
+    /// The pose or scale of an object is invalid.
     #[error("{path}: object {number}, {model}: {what}")]
     Object {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Counted from 1.
+        /// Number of the object, from 1.
         number: usize,
-        /// Its model.
+        /// Model of the object.
         model: String,
-        /// What is wrong, and what would do.
+        /// The fault, and what to give instead.
         what: &'static str,
     },
     /// An object cannot be opened.
@@ -107,16 +107,18 @@ pub enum SceneFileError {
 }
 
 impl SceneFile {
-    /// Reads a file.
+    /// Reads a scene file.
     ///
     /// # Errors
-    /// If it cannot be read, or is no scene file: with the line, and what would do.
+    /// If the file cannot be read, or is no valid scene file; the message names the line and what is expected
+    /// there.
     pub fn load(path: &Path) -> Result<Self, SceneFileError> {
         read_toml(path)
     }
 
-    /// Opens the objects, with paths from the folder of `path`, the file that this was loaded from; with their [warnings](Object::warnings).
-    /// `progress` gets the model, the stage, and how much of that is done (0 to 1).
+    /// Opens the objects, with their [warnings](Object::warnings). Relative paths start at the folder of
+    /// `path`, the file that the scene was loaded from. `progress` receives the model, the stage, and the
+    /// fraction of the stage that is done (0 to 1).
     ///
     /// # Errors
     /// If an object cannot be opened or placed.
@@ -125,33 +127,56 @@ impl SceneFile {
         path: &Path,
         progress: &mut dyn FnMut(&str, Stage, f64) -> ControlFlow<()>,
     ) -> Result<Scene, SceneFileError> {
-        let folder = path.parent().unwrap_or(Path::new("."));
         let mut scene = Scene::new();
-        for (index, ObjectEntry { model, position, rotation, scale, repair }) in
-            self.objects.iter().enumerate()
-        {
-            let refuse = |what| SceneFileError::Object {
-                path: path.to_owned(),
-                number: index + 1,
-                model: model.clone(),
-                what,
-            };
-            let pose = Pose::new(*position, rotation.normalize());
-            if !pose.is_valid() {
-                return Err(refuse("give a finite position and a quaternion that is not zero"));
-            }
-            if !(scale.is_finite() && *scale > 0.0) {
-                return Err(refuse("give a scale above 0"));
-            }
-            let object = open_model(folder, model, (*scale, *repair), progress)?
-                .ok_or_else(|| refuse("give a scale that is less extreme"))?;
+        for (number, ObjectEntry { model, position, rotation, scale, repair }) in (1..).zip(&self.objects) {
+            let pose = (*position, *rotation);
+            let entry = Entry { number, model, pose, scale: *scale, repair: *repair };
+            let (object, pose) = entry.open(path, progress)?;
             scene = scene.with(object, pose);
         }
         Ok(scene)
     }
 }
 
-/// Reads a TOML file: an error says in which line, and what would do.
+/// Model and frame that a scene or tool file gives for one object.
+pub(crate) struct Entry<'a> {
+    /// Number of the object in the file, from 1.
+    pub number: usize,
+    pub model: &'a str,
+    pub pose: (DVec3, DQuat),
+    pub scale: f64,
+    pub repair: bool,
+}
+
+impl Entry<'_> {
+    /// Opens the object of an entry of the file at `path`, and normalises its pose.
+    pub fn open(
+        &self,
+        path: &Path,
+        progress: &mut dyn FnMut(&str, Stage, f64) -> ControlFlow<()>,
+    ) -> Result<(Object, Pose), SceneFileError> {
+        let Self { number, model, pose: (position, rotation), scale, repair } = *self;
+        let refuse =
+            |what| SceneFileError::Object { path: path.to_owned(), number, model: model.to_owned(), what };
+        let pose = Pose::new(position, rotation.normalize());
+        if !pose.is_valid() {
+            return Err(refuse("give a finite position and a quaternion that is not zero"));
+        }
+        if !(scale.is_finite() && scale > 0.0) {
+            return Err(refuse("give a scale above 0"));
+        }
+        let file = path.parent().unwrap_or(Path::new(".")).join(model);
+        let argument = if names_file(model) { file.to_string_lossy().into_owned() } else { model.to_owned() };
+        let built = Path::new(model).extension().is_some_and(|extension| extension == "clod");
+        let options =
+            OpenOptions { scale: if built { 1.0 } else { scale }, repair, ..OpenOptions::default() };
+        let object = Object::open(&argument, &options, &mut |stage, done| progress(model, stage, done))?;
+        let object = if built && scale != 1.0 { object.scaled(scale) } else { Some(object) };
+        Ok((object.ok_or_else(|| refuse("give a scale that is less extreme"))?, pose))
+    }
+}
+
+/// Reads a TOML file. An error names the line, and what is expected there.
 pub(crate) fn read_toml<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, SceneFileError> {
     let text = std::fs::read_to_string(path)
         .map_err(|source| SceneFileError::Read { path: path.to_owned(), source })?;
@@ -160,21 +185,6 @@ pub(crate) fn read_toml<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T
         let place = line.map_or_else(String::new, |line| format!("line {line}: "));
         SceneFileError::Format { path: path.to_owned(), message: format!("{place}{}", error.message()) }
     })
-}
-
-/// Opens a model that a file in `folder` names, at a scale and repaired if asked for; `None` where it cannot be scaled so.
-pub(crate) fn open_model(
-    folder: &Path,
-    model: &str,
-    (scale, repair): (f64, bool),
-    progress: &mut dyn FnMut(&str, Stage, f64) -> ControlFlow<()>,
-) -> Result<Option<Object>, OpenError> {
-    let file = folder.join(model);
-    let argument = if names_file(model) { file.to_string_lossy().into_owned() } else { model.to_owned() };
-    let built = Path::new(model).extension().is_some_and(|extension| extension == "clod");
-    let options = OpenOptions { scale: if built { 1.0 } else { scale }, repair, ..OpenOptions::default() };
-    let object = Object::open(&argument, &options, &mut |stage, done| progress(model, stage, done))?;
-    Ok(if built && scale != 1.0 { object.scaled(scale) } else { Some(object) })
 }
 
 #[cfg(test)]
@@ -196,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_the_scene_that_it_says() {
+    fn a_scene_file_is_read_opened_and_written() {
         let (folder, path) = written(
             "[[object]]\nmodel = \"ellipsoid@200\"\n\
              [[object]]\nmodel = \"part.obj\"\nposition = [0.0, 0.1, 0]\nrotation = [0, 0, 2.0, 0]\nscale = 0.5\n\
@@ -219,13 +229,13 @@ mod tests {
         assert_eq!(second.pose, Pose::new(DVec3::Y * 0.1, DQuat::from_xyzw(0.0, 0.0, 1.0, 0.0)));
         let whole = second.object.clod.vertices.iter().copied().fold(DVec3::ZERO, DVec3::max);
         assert_eq!(whole, DVec3::splat(0.5));
-        // What is written is read again.
+        // A written file reads back the same.
         let again: SceneFile = toml::from_str(&toml::to_string(&file).expect("text")).expect("a scene");
         assert_eq!(again, file);
     }
 
     #[test]
-    fn refusals_say_what_and_where() {
+    fn errors_name_the_line_or_the_object() {
         for (text, said) in [
             ("[[object]]\nmodle = \"x\"\n", "line 2: unknown field `modle`"),
             ("[[object]]\nmodel = \"x\"\nposition = [1.0]\n", "line 3"),

@@ -1,4 +1,4 @@
-//! What the grasped object can touch.
+//! Scene objects: their geometry, placement, motion and edits.
 
 pub(crate) mod cache;
 pub(crate) mod editor;
@@ -15,40 +15,40 @@ use palpate_core::Pose;
 
 use crate::scene::object::Object;
 
-/// The static objects around the grasped one.
+/// Objects that the grasped one can touch, at their initial poses.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
     pub(crate) objects: Vec<Placed>,
 }
 
-/// An object of a running scene. Those that a session begins with have the numbers of their places in
-/// [`Scene::objects`]; none is used again.
+/// Identifier of an object in a running session. The objects that the session begins with have their indices
+/// in [`Scene::objects`]; no identifier is used twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SceneId(pub usize);
 
-/// An object at its place.
+/// Object at a pose.
 #[derive(Clone, Debug)]
 pub struct Placed {
     /// The object.
     pub object: Object,
-    /// Pose of its mesh's frame in the world.
+    /// Pose of the mesh's frame in the world.
     pub pose: Pose,
 }
 
 impl Scene {
-    /// An empty scene: the grasped object moves in free space.
+    /// Makes an empty scene: the grasped object moves in free space.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// The scene with one more object, its mesh's frame at `pose`.
+    /// Adds an object, its mesh's frame at `pose`.
     #[must_use]
     pub fn with(mut self, object: Object, pose: Pose) -> Self {
         self.objects.push(Placed { object, pose });
         self
     }
 
-    /// The objects.
+    /// Objects of the scene.
     pub fn objects(&self) -> &[Placed] {
         &self.objects
     }

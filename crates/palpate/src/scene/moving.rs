@@ -1,12 +1,14 @@
-//! Scene objects that move (§6.2.2): where they are between the poses that a host sets, and how stiff contacts with them may be.
+//! Scene objects that move (§6.2.2): their motion between the poses that a host sets, and the stiffness of
+//! contacts with them.
 //!
-//! A host sets poses and twists at its own rate, which may be a display's. In between an object moves on with its last twist. A new pose
-//! is approached with a constant twist over one interval, so that neither the surface nor the force on it jumps, and contacts see the
-//! velocity of the surface that they touch. An object whose host is silent for [`LONGEST`] stands still.
+//! A host sets poses and twists at its own rate, which may be that of a display. In between, an object
+//! continues with its last twist. It approaches a new pose with a constant twist over one interval, so that
+//! neither the surface nor the contact force jumps, and contacts see the velocity of the surface that they
+//! touch. If the host sets nothing for [`MAX_EXTRAPOLATION`], the object stands still.
 //!
-//! A [`DynamicBody`] responds late: an impulse reaches it in a step of its own world, and its new pose reaches the contact loop one more
-//! step later. Contacts with it are no stiffer and no more damped than is stable with such a delay, for its effective mass at the
-//! contact's point along the normal.
+//! A [`DynamicBody`] responds late: an impulse reaches it in a step of its own world, and its new pose
+//! reaches the contact loop one more step later. Stiffness and damping of contacts with it are limited to
+//! values that are stable with this delay, for its effective mass at the contact point along the normal.
 
 use palpate_core::glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist};
@@ -14,35 +16,41 @@ use palpate_dynamics::{ContactParameters, MovingBody};
 
 use crate::scene::SceneId;
 
-/// Time that an object moves on after its host last set its pose, s.
-const LONGEST: f64 = 0.05;
+/// Time for which an object continues after its host last set its pose, s. A longer time lets it run further
+/// away when the host stops; a shorter one stops it between the poses of a slow host.
+const MAX_EXTRAPOLATION: f64 = 0.05;
 
-/// Poses that are set within this time, s, are one.
-const AT_ONCE: f64 = 1e-6;
+/// Interval within which two poses count as set at the same time, s. It keeps a division by almost zero from
+/// giving a huge twist.
+const MIN_INTERVAL: f64 = 1e-6;
 
-/// Part of the difference by which the mean interval between poses follows the last one.
-const SMOOTHING: f64 = 0.25;
+/// Weight of the last interval between poses in their mean. With a larger weight, a single late pose changes
+/// the velocity more.
+const INTERVAL_WEIGHT: f64 = 0.25;
 
-/// With a delay T and an effective mass m, contacts are no stiffer than m (STIFFEST / T)² and no more damped than
-/// m MOST_DAMPED / T: a spring that late needs damping of at least k T, and damping that late is stable below π/2 m / T.
-const STIFFEST: f64 = 0.25;
-const MOST_DAMPED: f64 = 0.5;
+/// Largest natural frequency of a contact with a dynamic body, times the delay T: k ≤ m (MAX_FREQUENCY / T)²
+/// for an effective mass m. A spring with a delay T needs damping of at least k T; contacts with a larger
+/// stiffness oscillate.
+const MAX_FREQUENCY: f64 = 0.25;
+/// Largest damping of a contact with a dynamic body, times T / m: b ≤ m MAX_DAMPING / T. Damping with a delay
+/// T is stable below π/2 m / T.
+const MAX_DAMPING: f64 = 0.5;
 
-/// An object that contacts move, in the host's simulation.
+/// Mass properties of a scene object that contacts push, in the host's simulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DynamicBody {
-    /// kg.
+    /// Mass, kg.
     pub mass: f64,
-    /// About the centre of mass, in the axes of the mesh, kg·m².
+    /// Inertia about the centre of mass, in the axes of the mesh, kg·m².
     pub inertia: DMat3,
-    /// In the mesh's frame, m.
+    /// Centre of mass in the mesh's frame, m.
     pub center_of_mass: DVec3,
-    /// Time between two steps of the world that moves it, s.
+    /// Time between two steps of the world that moves the body, s.
     pub period: f64,
 }
 
 impl DynamicBody {
-    /// Whether a body can have them.
+    /// Whether a rigid body can have these properties.
     pub(crate) fn is_valid(&self) -> bool {
         let positive = |value: f64| value > 0.0 && value.is_finite();
         positive(self.mass)
@@ -53,41 +61,42 @@ impl DynamicBody {
     }
 }
 
-/// A scene object that moves, or that contacts move.
+/// Scene object that a host moves, or that contacts push.
 #[derive(Debug)]
 pub(crate) struct MovingObject {
     motion: Option<Motion>,
     /// Pose of the mesh's frame and velocity of its origin, if the host has set them since the last step.
     given: Option<(Pose, Twist)>,
-    /// The dynamic body, with its inverse inertia.
+    /// Dynamic body, with its inverse inertia.
     body: Option<(DynamicBody, DMat3)>,
-    /// Whether contacts push it.
+    /// Whether reactions on it are reported.
     reacts: bool,
-    /// The motion of another session's object that this one follows.
+    /// Motion of another session's object that this one follows.
     leader: Option<triple_buffer::Output<(Pose, Twist)>>,
 }
 
 /// Motion between two poses of the host.
 #[derive(Clone, Copy, Debug)]
 struct Motion {
-    /// At a time (s), with a twist until another (s).
+    /// Pose at `time` (s); the object has `twist` until the time `until` (s).
     pose: Pose,
     time: f64,
     twist: Twist,
     until: f64,
-    /// The twist that was last set, when, and the mean time between settings, s.
+    /// Twist that the host last set, the time at which it was set (s), and the mean interval between poses
+    /// (s).
     given: Twist,
     set_at: f64,
     interval: f64,
 }
 
 impl MovingObject {
-    /// An object that a host moves.
+    /// Makes an object that a host moves.
     pub fn new() -> Self {
         Self { motion: None, given: None, body: None, reacts: false, leader: None }
     }
 
-    /// An object that follows another session's.
+    /// Makes an object that follows another session's.
     pub fn following(leader: triple_buffer::Output<(Pose, Twist)>, body: DynamicBody) -> Self {
         let mut moving = Self::new();
         moving.leader = Some(leader);
@@ -106,12 +115,12 @@ impl MovingObject {
         self.reacts = self.body.is_some();
     }
 
-    /// Stands still from now on.
+    /// Stops the object where it is.
     pub fn stop(&mut self) {
         (self.motion, self.given) = (None, None);
     }
 
-    /// Where the mesh's frame is at a time (s); `None` if it has not moved.
+    /// Pose of the mesh's frame at a time (s); `None` if the host has never moved it.
     pub fn advance(&mut self, now: f64) -> Option<Pose> {
         if let Some(leader) = &mut self.leader
             && leader.update()
@@ -136,7 +145,8 @@ impl MovingObject {
         self.motion.map_or(Twist::ZERO, |motion| motion.twist)
     }
 
-    /// What contacts with it, its mesh's frame being at a pose, are to know of it.
+    /// Motion of the object as contacts use it, with its mesh's frame at a pose: the twist at the world's
+    /// origin, and the number of the object if reactions on it are reported.
     pub fn moving_body(&self, id: SceneId, pose: &Pose) -> MovingBody {
         let Twist { linear, angular } = self.twist();
         let object = u32::try_from(id.0 + 1).ok().and_then(std::num::NonZeroU32::new);
@@ -146,8 +156,8 @@ impl MovingObject {
         }
     }
 
-    /// Gains of `count` contacts with it, of which this is one, at a point (m) with a normal, the mesh's frame being at a pose and
-    /// contacts being looked for every `interval` (s).
+    /// Limits the gains of one of `count` contacts with the object, at a point (m) with a normal. The mesh's
+    /// frame is at `pose`, and contacts are searched every `interval` (s).
     pub fn limited_gains(
         &self,
         parameters: &ContactParameters,
@@ -159,15 +169,17 @@ impl MovingObject {
         let Some((DynamicBody { mass, center_of_mass, period, .. }, inverse_inertia)) = &self.body else {
             return *parameters;
         };
-        let turn = DMat3::from_quat(pose.rotation);
+        // Effective mass at the point along the normal: 1 / m_eff = 1 / m + (r × n)ᵀ I⁻¹ (r × n), in the
+        // mesh's axes.
+        let rotation = DMat3::from_quat(pose.rotation);
         let lever = (point - pose.transform_point(*center_of_mass)).cross(normal);
-        let along = turn.transpose() * lever;
-        let effective = 1.0 / (1.0 / mass + along.dot(*inverse_inertia * along));
-        let late = 2.0 * period + if interval > 0.0 { interval } else { 0.0 };
+        let lever = rotation.transpose() * lever;
+        let effective = 1.0 / (1.0 / mass + lever.dot(*inverse_inertia * lever));
+        let delay = 2.0 * period + if interval > 0.0 { interval } else { 0.0 };
         let share = effective / count.max(1) as f64;
         ContactParameters {
-            stiffness: parameters.stiffness.min(share * (STIFFEST / late).powi(2)),
-            damping: parameters.damping.min(share * MOST_DAMPED / late),
+            stiffness: parameters.stiffness.min(share * (MAX_FREQUENCY / delay).powi(2)),
+            damping: parameters.damping.min(share * MAX_DAMPING / delay),
             ..*parameters
         }
     }
@@ -178,6 +190,8 @@ impl Motion {
         Self { pose: *pose, time: now, twist: *twist, until: now, given: *twist, set_at: now, interval: 0.0 }
     }
 
+    /// Moves the object to the time `now` (s): with the approaching twist until `until`, with the host's
+    /// twist after that, and not at all once the host has been silent for [`MAX_EXTRAPOLATION`].
     fn advance(&mut self, now: f64) -> &mut Self {
         if self.time < self.until {
             let then = now.min(self.until);
@@ -185,7 +199,7 @@ impl Motion {
         }
         if now > self.time {
             self.twist = self.given;
-            let end = self.set_at + LONGEST;
+            let end = self.set_at + MAX_EXTRAPOLATION;
             if now <= end {
                 self.move_to(now);
             } else {
@@ -201,25 +215,26 @@ impl Motion {
         self.time = time;
     }
 
-    /// Approaches the pose where the new twist takes the object.
+    /// Approaches the pose that the object will have one interval after the given pose.
     fn set_motion(&mut self, pose: &Pose, twist: &Twist, now: f64) {
         let since = now - self.set_at;
-        if since > LONGEST {
+        if since > MAX_EXTRAPOLATION {
             *self = Self::new(pose, twist, now);
             return;
         }
-        if since > AT_ONCE {
-            // A host that is late once is not late again: a way that is to be gone in the shortest interval is gone too fast.
-            let share = if self.interval > 0.0 { SMOOTHING } else { 1.0 };
-            self.interval += share * (since - self.interval);
+        if since > MIN_INTERVAL {
+            // The mean interval, not the last one: two poses that come close together because the first was
+            // late would otherwise be approached far too fast.
+            let weight = if self.interval > 0.0 { INTERVAL_WEIGHT } else { 1.0 };
+            self.interval += weight * (since - self.interval);
         }
         (self.given, self.set_at) = (*twist, now);
         if self.interval > 0.0 {
             let target = pose.moved(twist, self.interval);
-            let way = target.translation - self.pose.translation;
+            let shift = target.translation - self.pose.translation;
             let turn = self.pose.rotation_vector_to(&target);
             let rate = 1.0 / self.interval;
-            self.twist = Twist { linear: way * rate, angular: turn * rate };
+            self.twist = Twist { linear: shift * rate, angular: turn * rate };
             self.until = now + self.interval;
         } else {
             *self = Self::new(pose, twist, now);
@@ -233,9 +248,9 @@ mod tests {
 
     use super::*;
 
-    /// Set at 60 Hz and looked at 1000 times a second, both a little irregularly.
+    /// Poses are set at 60 Hz and read at 1 kHz, both a little irregularly.
     #[test]
-    fn a_motion_is_followed_without_steps() {
+    fn motion_between_host_poses_is_smooth() {
         let (radius, rate) = (0.1, 3.0);
         let pose = |t: f64| {
             let turn = DQuat::from_rotation_z(rate * t);
@@ -255,25 +270,25 @@ mod tests {
             }
             let found = moving.advance(now).expect("it moves");
             let off = found.translation.distance(pose(now).translation);
-            // An interval is a way of 5 mm; what it turns by meanwhile, 5 % of that.
+            // The object moves by 5 mm per interval; the bound is 4 % of that.
             assert!(off < 2e-4, "{now} s: {off} m off");
             if let Some(last) = last {
-                let went = found.translation.distance(last.translation);
-                assert!(went < 1.5 * 1.4e-3 * radius * rate, "{now} s: a step of {went} m");
+                let moved = found.translation.distance(last.translation);
+                assert!(moved < 1.5 * 1.4e-3 * radius * rate, "{now} s: a step of {moved} m");
             }
             let speed = moving.twist().linear.length();
             assert!((speed - radius * rate).abs() < 0.05 * radius * rate, "{now} s: {speed} m/s");
             last = Some(found);
         }
-        // Without a host it stops.
+        // It stops when the host is silent.
         let end = moving.advance(2.5).expect("it moved");
         let later = moving.advance(3.0).expect("it moved");
         assert_eq!((later.translation, moving.twist()), (end.translation, Twist::ZERO));
     }
 
-    /// Poses at 60 Hz of which every other one is set 12 ms late: two within 5 ms are no reason to hurry.
+    /// Every other pose at 60 Hz is set 12 ms late, so that two come within 5 ms.
     #[test]
-    fn a_host_that_is_late_by_turns_makes_no_spikes_of_velocity() {
+    fn late_poses_of_a_host_do_not_cause_velocity_spikes() {
         let speed = 0.3;
         let mut moving = MovingObject::new();
         let mut fastest = 0.0_f64;
@@ -297,14 +312,14 @@ mod tests {
     }
 
     #[test]
-    fn an_object_that_no_host_moves_stays() {
+    fn an_object_without_host_poses_stays() {
         let mut moving = MovingObject::new();
         assert_eq!(moving.advance(1.0), None);
         assert_eq!(moving.twist(), Twist::ZERO);
     }
 
     #[test]
-    fn light_objects_are_touched_softly() {
+    fn gains_of_contacts_with_light_bodies_are_limited() {
         let parameters = ContactParameters {
             stiffness: 2000.0,
             damping: 30.0,
@@ -325,7 +340,7 @@ mod tests {
         moving.set_dynamics(Some(body));
         let centre = at(&moving, DVec3::X * 0.01).stiffness;
         assert!((centre - 0.01 * (0.25_f64 / 0.003).powi(2)).abs() < 1e-9, "{centre}");
-        // 10 mm off the centre of mass half of the mass is felt.
+        // The effective mass 10 mm off the centre of mass is half the mass.
         let aside = at(&moving, DVec3::ZERO);
         assert!((aside.stiffness - 0.5 * centre).abs() < 1e-9, "{aside:?}");
         assert!((aside.damping - 0.5 * 0.01 * 0.5 / 0.003).abs() < 1e-9, "{aside:?}");

@@ -1,4 +1,5 @@
-//! Objects ready to be touched: a hierarchy from a `.clod` file, a mesh file or a built-in model's name.
+//! Objects of a session: hierarchies from `.clod` files, mesh files and built-in models, with their textures
+//! and fields.
 
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -20,39 +21,40 @@ use palpate_field::FieldOptions;
 use crate::scene::cache;
 use crate::scene::field::{Field, FieldError, welded};
 
-/// Fields that an object keeps at most; the oldest goes first.
-const FIELDS: usize = 4;
+/// Largest number of fields that an object keeps; the oldest is dropped first. With fewer, sessions with
+/// several tolerances make fields again; with more, they take more memory.
+const MAX_FIELDS: usize = 4;
 
-/// An object that can be grasped or put into the scene. Cheap to clone.
+/// Object that can be grasped or placed in the scene. Cheap to clone.
 #[derive(Clone, Debug)]
 pub struct Object {
-    /// What the object was made from: a file's path or a model's name.
+    /// Source of the object: a file's path or a model's name.
     pub name: String,
-    /// The hierarchy that contact queries read.
+    /// Hierarchy that contact queries read.
     pub clod: Arc<Clod>,
-    /// What the loader warned of.
+    /// Warnings of the loader.
     warnings: Arc<[LoadWarning]>,
-    /// Made when first asked for.
+    /// Hierarchy prepared for queries, made on first use.
     shape: Arc<OnceLock<Shape>>,
     texture: Option<Arc<TexturedSurface>>,
-    /// The hierarchy's surface, made when first asked for.
+    /// Surface of the hierarchy without texture, made on first use.
     plain: Arc<OnceLock<Arc<TexturedSurface>>>,
-    /// Fields made so far, each with what it was asked for with, the oldest first.
+    /// Fields made so far with their options, the oldest first.
     fields: Arc<Mutex<Vec<KeptField>>>,
 }
 
-/// What a field was asked for with, and the field.
+/// Field with the options that it was made with.
 type KeptField = (FieldOptions, Arc<Field>);
 
-/// How [`Object::open`] reads and builds.
+/// Options of [`Object::open`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OpenOptions {
-    /// Factor that turns the file's lengths into metres.
+    /// Factor from the file's lengths to metres.
     pub scale: f64,
-    /// Whether to make an oriented 2-manifold without self-intersection of the mesh, which building needs
-    /// ([`repair`](palpate_mesh_io::repair)); what that changed is among the warnings.
+    /// Whether to repair the mesh to an oriented 2-manifold without self-intersections, which a hierarchy
+    /// needs ([`repair`](palpate_mesh_io::repair)); the changes are listed in the warnings.
     pub repair: bool,
-    /// Whether to look for, and keep, the built hierarchy in the user's cache folder.
+    /// Whether to load the built hierarchy from the user's cache folder, and store it there.
     pub cache: bool,
 }
 
@@ -62,7 +64,7 @@ impl Default for OpenOptions {
     }
 }
 
-/// Why an object could not be opened.
+/// An object could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// A mesh file was refused.
@@ -72,13 +74,13 @@ pub enum OpenError {
     #[cfg(feature = "models")]
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// The argument is no file, and there are no built-in models without the feature `models`.
+    /// The argument is not a file, and there are no built-in models without the feature `models`.
     #[cfg(not(feature = "models"))]
     #[error(
         "{name}: there is no such file; if a built-in model is meant, build palpate with the feature `models`"
     )]
     NoModels {
-        /// The name given.
+        /// Name given.
         name: String,
     },
     /// A mesh is too large for its indices.
@@ -87,60 +89,60 @@ pub enum OpenError {
     /// A hierarchy could not be built from the mesh.
     #[error("{name}: {source}")]
     Build {
-        /// The object's name.
+        /// Name of the object.
         name: String,
-        /// Why.
+        /// Cause.
         source: BuildError,
     },
     /// A surface cannot be given a texture.
     #[error("{name}: {source}")]
     Texture {
-        /// The object's name.
+        /// Name of the object.
         name: String,
-        /// Why.
+        /// Cause.
         source: SurfaceError,
     },
     /// No texture could be baked.
     #[error("{name}: {source}")]
     Bake {
-        /// The object's name.
+        /// Name of the object.
         name: String,
-        /// Why.
+        /// Cause.
         source: BakeError,
     },
     /// A `.clod` file was refused.
     #[error("{path}: {source}")]
     Clod {
-        /// The file.
+        /// Path of the file.
         path: String,
-        /// Why.
+        /// Cause.
         source: ClodError,
     },
-    /// A mesh was needed, but a `.clod` file holds none.
+    /// A mesh was needed, but a `.clod` file holds only a hierarchy.
     #[error("{path} is a hierarchy, not a mesh; give the mesh file or the built-in model it was built from")]
     NotAMesh {
-        /// The file.
+        /// Path of the file.
         path: String,
     },
-    /// An option that only a mesh can follow was given with a `.clod` file.
+    /// An option that applies only to meshes was given with a `.clod` file.
     #[error(
         "{path} is already built; give OpenOptions::scale and OpenOptions::repair when building it, or scale it with \
          Object::scaled"
     )]
     AlreadyBuilt {
-        /// The file.
+        /// Path of the file.
         path: String,
     },
 }
 
-/// A mesh with where it came from.
+/// Mesh with its source.
 #[derive(Clone, Debug)]
 pub struct NamedMesh {
-    /// A file's path or a model's name.
+    /// Path of the file or name of the model.
     pub name: String,
-    /// The mesh, exactly welded, m.
+    /// Mesh with exactly equal vertices welded, m.
     pub mesh: TriMesh,
-    /// What the loader warned of: content that was left out, a doubtful unit, a repair.
+    /// Warnings of the loader: content that was left out, a doubtful unit, a repair.
     pub warnings: Vec<LoadWarning>,
 }
 
@@ -164,7 +166,7 @@ pub fn open_mesh(argument: &str, options: &OpenOptions) -> Result<NamedMesh, Ope
     Ok(NamedMesh { name: argument.to_owned(), mesh, warnings: Vec::new() })
 }
 
-/// A built-in model, `NAME` or `NAME@TRIANGLES`.
+/// Generates a built-in model, `NAME` or `NAME@TRIANGLES`.
 fn built_in(name: &str) -> Result<TriMesh, OpenError> {
     #[cfg(feature = "models")]
     {
@@ -176,12 +178,13 @@ fn built_in(name: &str) -> Result<TriMesh, OpenError> {
 }
 
 impl Object {
-    /// Opens `argument`, a `.clod` file, a mesh file (.obj .stl .ply, and .gltf .glb with the feature `gltf`) or a built-in model
-    /// (`NAME` or `NAME@TRIANGLES`; feature `models`), building its hierarchy where it has none. `progress` gets the stage and how much of it is
-    /// done (0 to 1). What the loader warns of is among the object's [`warnings`](Self::warnings).
+    /// Opens `argument`: a `.clod` file, a mesh file (.obj .stl .ply, and .gltf .glb with the feature `gltf`)
+    /// or a built-in model (`NAME` or `NAME@TRIANGLES`; feature `models`). Builds the hierarchy of a mesh.
+    /// `progress` receives the stage and the fraction of it that is done (0 to 1). Warnings of the loader are
+    /// in the object's [`warnings`](Self::warnings).
     ///
     /// # Errors
-    /// If the argument is refused: the error says what, where and what to do.
+    /// If the argument is refused; the message names the fault, its place, and what to do.
     #[cfg_attr(feature = "tracing", tracing::instrument(skip(options, progress), err))]
     pub fn open(
         argument: &str,
@@ -206,26 +209,26 @@ impl Object {
         Ok(Self { warnings: warnings.into(), ..Self::from_clod(&name, clod) })
     }
 
-    /// Opens a built-in model, a mesh file or a `.clod` file as [`open`](Self::open) does, with the usual options: in metres, without
-    /// repair, from the cache where it was built before.
+    /// Opens a built-in model, a mesh file or a `.clod` file as [`open`](Self::open) does, with the default
+    /// options: in metres, without repair, from the cache if it was built before.
     ///
     /// # Errors
-    /// If the argument is refused: the error says what, where and what to do.
+    /// As [`open`](Self::open).
     pub fn model(argument: &str) -> Result<Self, OpenError> {
         Self::open(argument, &OpenOptions::default(), &mut unwatched)
     }
 
-    /// What the loader warned of: content that was left out, a doubtful unit, a repair. Empty for an object that was not read
-    /// from a mesh file.
+    /// Warnings of the loader: content that was left out, a doubtful unit, a repair. Empty for an object that
+    /// was not read from a mesh file.
     pub fn warnings(&self) -> &[LoadWarning] {
         &self.warnings
     }
 
-    /// An object from a mesh that the host already has, m.
+    /// Makes an object from a mesh (m).
     ///
     /// # Errors
-    /// If no hierarchy can be built from the mesh: it has to be an oriented 2-manifold, with or without boundary, that
-    /// does not intersect itself ([`palpate_mesh_io::repair`] makes one of any other).
+    /// If no hierarchy can be built from the mesh: it must be an oriented 2-manifold, with or without
+    /// boundary, that does not intersect itself ([`palpate_mesh_io::repair`] makes one from any other mesh).
     #[cfg_attr(
         feature = "tracing",
         tracing::instrument(skip(mesh), fields(triangles = mesh.triangles().len()), err)
@@ -236,8 +239,9 @@ impl Object {
         Ok(Self::from_clod(name, clod))
     }
 
-    /// An object from a mesh (m) with texture coordinates and an image of fine detail (m) that displaces it (§4.2.2): `crease`
-    /// tells its sharp edges ([`corner_directions`](palpate_texture_pd::corner_directions), rad).
+    /// Makes an object from a mesh (m) with texture coordinates and an image of fine detail (m) that
+    /// displaces it (§4.2.2). Edges whose triangles' normals differ by more than `crease` (rad) are sharp
+    /// ([`corner_directions`](palpate_texture_pd::corner_directions)).
     ///
     /// # Errors
     /// As [`from_mesh`](Self::from_mesh), or if the mesh is empty or not finite.
@@ -247,8 +251,9 @@ impl Object {
         Ok(Self::from_mesh(name, mesh.mesh())?.with_texture(surface))
     }
 
-    /// An object from a coarse mesh, whose texture is baked from a detailed one in the same frame
-    /// ([`bake`](palpate_texture_pd::bake)), with how true that is; `progress` is told how much is done (0 to 1).
+    /// Makes an object from a coarse mesh, with a texture baked from a detailed mesh in the same frame
+    /// ([`bake`](palpate_texture_pd::bake)), and a report of the accuracy. `progress` receives the fraction
+    /// that is done (0 to 1).
     ///
     /// # Errors
     /// As [`from_mesh`](Self::from_mesh), or if nothing can be baked.
@@ -265,7 +270,7 @@ impl Object {
         Ok((object, baked.report))
     }
 
-    /// An object from a hierarchy that the host already has.
+    /// Makes an object from a hierarchy.
     pub fn from_clod(name: &str, clod: impl Into<Arc<Clod>>) -> Self {
         Self {
             name: name.to_owned(),
@@ -278,19 +283,19 @@ impl Object {
         }
     }
 
-    /// The object with fine detail (§4.4): the hierarchy is that of its coarse mesh, which `texture` displaces, in the same
-    /// frame. The detail is not looked at by contact queries, but where they find contacts.
+    /// Adds fine detail (§4.4): `texture` displaces the coarse mesh that the hierarchy was built from, in the
+    /// same frame. Contact queries ignore the detail; it is sampled where they find contacts.
     #[must_use]
     pub fn with_texture(self, texture: impl Into<Arc<TexturedSurface>>) -> Self {
         Self { texture: Some(texture.into()), ..self }
     }
 
-    /// Its haptic texture, with the surface that this displaces.
+    /// Haptic texture, with the surface that it displaces.
     pub fn texture(&self) -> Option<&Arc<TexturedSurface>> {
         self.texture.as_ref()
     }
 
-    /// The surface to be touched by textured ones: the textured one, or that of the hierarchy at full resolution.
+    /// Surface that textured objects touch: the textured one, or that of the hierarchy at full resolution.
     ///
     /// # Errors
     /// If the hierarchy has no triangle.
@@ -302,7 +307,7 @@ impl Object {
         Ok(self.plain.get_or_init(|| surface).clone())
     }
 
-    /// The triangles of the surface at full resolution, by their corners, m.
+    /// Corners of the triangles of the surface at full resolution, m.
     pub(crate) fn triangles(&self) -> impl Iterator<Item = [DVec3; 3]> {
         self.clod.leaves().iter().flat_map(|leaf| {
             let hull = self.clod.hull(&leaf);
@@ -310,8 +315,8 @@ impl Object {
         })
     }
 
-    /// The distance field of the surface at full resolution. The first call with some options makes it, which takes seconds, or takes
-    /// it from the user's cache folder; the last few are kept.
+    /// Distance field of the surface at full resolution. The first call with given options makes the field,
+    /// which takes seconds, or loads it from the user's cache folder; the last few fields are kept.
     ///
     /// # Errors
     /// If the surface is not closed.
@@ -323,24 +328,24 @@ impl Object {
             return Ok(known);
         }
         let open = || FieldError::Open { name: self.name.clone() };
-        // A hierarchy that was not built from a solid may still look closed, but nothing is known of its inside.
+        // A hierarchy that was not built from a solid may still look closed, but its inside is not defined.
         let mesh = self.clod.source.solid.then(|| welded(self.triangles())).flatten().ok_or_else(open)?;
-        // Nobody waits for the lock meanwhile.
+        // The lock is free while the field is made. Another thread may make the same field meanwhile.
         let made = Arc::new(cache::field(&mesh, &options));
         let mut fields = fields();
         if let Some(known) = kept(&fields) {
             return Ok(known);
         }
-        if fields.len() == FIELDS {
+        if fields.len() == MAX_FIELDS {
             fields.remove(0);
         }
         fields.push((options, made.clone()));
         Ok(made)
     }
 
-    /// The object made larger by a factor about its frame's origin, which takes as much memory again; `None` if the factor
-    /// is not positive and finite, or extreme, or the object has a texture. Objects that are moved only are
-    /// [placed](crate::Scene::with) at several poses instead, which shares everything.
+    /// Scales the object about its frame's origin; `None` if the factor is not positive and finite, or too
+    /// extreme, or the object has a texture. The scaled object takes as much memory again; copies of the same
+    /// size at several poses ([`Scene::with`](crate::Scene::with)) share all memory.
     pub fn scaled(&self, factor: f64) -> Option<Self> {
         if self.texture.is_some() {
             return None;
@@ -348,13 +353,13 @@ impl Object {
         Some(Self::from_clod(&self.name, self.clod.scaled(factor)?))
     }
 
-    /// The hierarchy prepared for contact queries; the first call prepares it.
+    /// Hierarchy prepared for contact queries; the first call prepares it.
     pub fn shape(&self) -> &Shape {
         self.shape.get_or_init(|| Shape::new(self.clod.clone()))
     }
 
-    /// Axis-aligned bounds of the surface at full resolution, mesh frame, m: the smallest and the largest x, y and z;
-    /// `None` without triangles. Computed anew by each call.
+    /// Axis-aligned bounds of the surface at full resolution, mesh frame, m: the smallest and the largest x,
+    /// y and z; `None` without triangles. Each call computes them.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         self.clod.bounds()
     }
@@ -381,7 +386,7 @@ fn is_clod(argument: &str) -> bool {
     extension(argument).as_deref() == Some("clod")
 }
 
-/// Whether the argument means a file: it has a file name's extension or a folder in it, or there is such a file.
+/// Whether the argument names a file: it has an extension or a path separator, or such a file exists.
 pub(crate) fn names_file(argument: &str) -> bool {
     extension(argument).is_some()
         || argument.contains(std::path::is_separator)
@@ -395,9 +400,9 @@ mod tests {
     const TETRAHEDRON: &str =
         "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\nl 1 2\n";
 
-    /// A file is opened as a model is, and what its loader warned of stays with the object and its clones.
+    /// Warnings of the loader stay with the object and its clones.
     #[test]
-    fn warnings_are_on_the_object() {
+    fn loader_warnings_stay_with_the_object() {
         let folder = tempfile::tempdir().expect("temporary folder");
         let file = folder.path().join("tetrahedron.obj");
         std::fs::write(&file, TETRAHEDRON).expect("written");
@@ -416,7 +421,7 @@ mod tests {
         let scaled = Object::open(path, &options, &mut unwatched).expect("a tetrahedron");
         assert_eq!(scaled.warnings(), [LoadWarning::Lines { count: 1 }]);
 
-        // A hierarchy has no warnings, and takes no scale.
+        // A hierarchy has no warnings, and accepts no scale.
         let built = folder.path().join("tetrahedron.clod");
         scaled.clod.save(&built).expect("written");
         let path = built.to_str().expect("text");
@@ -426,15 +431,15 @@ mod tests {
     }
 
     #[test]
-    fn a_field_is_made_once_of_the_closed_surface() {
+    fn a_field_is_made_once_and_only_for_closed_surfaces() {
         let object = Object::model("torus@2000").expect("a model");
         let options = |tolerance| FieldOptions { memory: 500_000, ..FieldOptions::new(tolerance) };
         let made = object.field(options(0.002)).expect("a closed surface");
         let again = object.clone().field(options(0.002)).expect("a closed surface");
-        assert!(Arc::ptr_eq(&made, &again), "it is made once");
+        assert!(Arc::ptr_eq(&made, &again), "the field is made once");
         let wider = object.field(options(0.004)).expect("a closed surface");
         assert!(!Arc::ptr_eq(&made, &wider), "another tolerance is another field");
-        // Corners are shared as in the mesh that it was built from.
+        // Corners are shared as in the source mesh.
         let mesh = welded(object.triangles()).expect("triangles");
         assert_eq!(mesh.vertices().len(), object.clod.source.vertices as usize);
         assert_eq!(mesh.triangles().len(), object.clod.source.triangles as usize);
@@ -448,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_are_those_of_the_mesh_at_full_resolution() {
+    fn bounds_are_those_of_the_full_resolution_mesh() {
         let name = "spoon@3000";
         let mesh = open_mesh(name, &OpenOptions::default()).expect("a model").mesh;
         let corners = mesh.triangles().iter().flatten().map(|corner| mesh.vertices()[*corner as usize]);
@@ -459,7 +464,7 @@ mod tests {
         assert_eq!(object.bounds(), Some((low, high)));
         assert_eq!(object.shape().bounds(), object.bounds());
         assert_eq!(object.scaled(2.0).and_then(|large| large.bounds()), Some((2.0 * low, 2.0 * high)));
-        // What bounds coarser levels reaches further.
+        // Hulls of coarser levels reach further.
         let all = &object.clod.vertices;
         let widest = all.iter().fold(DVec3::NEG_INFINITY, |high, vertex| high.max(*vertex));
         assert!(widest.cmpge(high).all() && widest != high, "{widest} {high}");

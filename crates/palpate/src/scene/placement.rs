@@ -1,4 +1,4 @@
-//! Where on the grasped object the device's handle is, and where both are in the world.
+//! Placement of the device's handle on the grasped object, and of both in the world.
 
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
@@ -8,16 +8,17 @@ use palpate_dynamics::DeviceMapping;
 use crate::scene::object::Object;
 use crate::settings::{HandlePlace, Settings};
 
-/// The device's workspace in the world, and the handle on the grasped object. With the handle in the middle of its workspace,
-/// unturned, the mesh's frame is at the [device frame](crate::settings::DeviceSettings::frame), wherever the handle is on the object.
+/// Placement of the device's workspace in the world and of its handle on the grasped object. With the handle
+/// in the middle of its workspace, not rotated, the mesh's frame is at the
+/// [device frame](crate::settings::DeviceSettings::frame), wherever the handle is on the object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandlePlacement {
     mapping: DeviceMapping,
-    /// Where the handle is, in the mesh's frame, m.
+    /// Position of the handle in the mesh's frame, m.
     handle: DVec3,
 }
 
-/// Whether a device drives any axis, so that anything reaches the hand.
+/// Whether a device renders a force or torque along any axis.
 pub(crate) fn renders(specification: &Specification) -> bool {
     let Specification { peak_force, peak_torque, actuated, .. } = specification;
     let driven = |axes: [bool; 3], peak: f64| peak > 0.0 && axes.contains(&true);
@@ -25,13 +26,13 @@ pub(crate) fn renders(specification: &Specification) -> bool {
 }
 
 impl HandlePlacement {
-    /// For an object in the hand that holds a device.
+    /// Placement for a grasped object and a device.
     pub fn new(settings: &Settings, probe: &Object, specification: &Specification) -> Self {
         let grasp = settings.tool.grasp.map_or(probe.clod.source.center_of_mass, |grasp| grasp.translation);
         Self::at(settings, grasp, specification)
     }
 
-    /// With the grasp at a place in the mesh's frame (m).
+    /// Placement with the grasp at a point of the mesh's frame (m).
     pub(crate) fn at(settings: &Settings, grasp: DVec3, specification: &Specification) -> Self {
         let handle = match settings.tool.handle {
             HandlePlace::Automatic if renders(specification) => grasp,
@@ -41,33 +42,34 @@ impl HandlePlacement {
         Self::holding(settings, handle)
     }
 
-    /// With the handle at a place in the mesh's frame (m).
+    /// Placement with the handle at a point of the mesh's frame (m).
     pub(crate) fn holding(settings: &Settings, handle: DVec3) -> Self {
         let base = settings.device.frame * Pose::from_translation(handle);
         Self { mapping: DeviceMapping::new(settings.device.workspace_scale, base), handle }
     }
 
-    /// Takes the handle's motion to the world.
+    /// Mapping of the handle's motion to the world.
     pub fn mapping(&self) -> &DeviceMapping {
         &self.mapping
     }
 
-    /// Where the handle is on the object, in the mesh's frame, m.
+    /// Position of the handle on the object, in the mesh's frame, m.
     pub fn handle(&self) -> DVec3 {
         self.handle
     }
 
-    /// How far the grasp (in the mesh's frame) is from the handle, m at the device.
+    /// Distance of the grasp (in the mesh's frame) from the handle, m at the device.
     pub(crate) fn lever(&self, grasp: &Pose) -> f64 {
         self.handle.distance(grasp.translation) / self.mapping.scale
     }
 
-    /// Where the mesh's frame is in the world if the handle is at a pose of the device and nothing holds the object back.
+    /// Pose of the mesh's frame in the world with the handle at a device pose and the coupling relaxed.
     pub fn mesh_pose(&self, device: &Pose) -> Pose {
         self.mapping.pose(device) * Pose::from_translation(-self.handle)
     }
 
-    /// Where the device has the handle for the mesh's frame to be at a pose in the world: undoes [`Self::mesh_pose`].
+    /// Device pose of the handle that holds the mesh's frame at a pose in the world; the inverse of
+    /// [`Self::mesh_pose`].
     pub fn device_pose(&self, mesh: &Pose) -> Pose {
         self.mapping.device_pose(&(*mesh * Pose::from_translation(self.handle)))
     }
@@ -82,7 +84,7 @@ mod tests {
     use crate::settings::{DeviceSettings, ToolSettings};
 
     #[test]
-    fn the_handle_is_where_it_is_put_and_the_mesh_where_it_was() {
+    fn the_handle_is_placed_by_the_setting_and_the_mesh_by_the_device_frame() {
         let driven = Emulation::default().specification;
         let felt = Specification { peak_force: 0.0, peak_torque: 0.0, ..driven.clone() };
         let frame = Pose::new(DVec3::new(0.3, 0.1, -0.2), DQuat::from_rotation_y(0.7));
@@ -108,10 +110,10 @@ mod tests {
             assert!(
                 start.translation.distance(frame.translation) < 1e-15 && start.rotation == frame.rotation
             );
-            // A turn leaves the handle's place on the mesh where it is.
+            // A rotation of the device leaves the handle's point of the mesh in place.
             let turn = placement.mesh_pose(&Pose::new(DVec3::ZERO, turned.rotation));
             assert!(turn.transform_point(place).distance(start.transform_point(place)) < 1e-15);
-            // And back.
+            // The inverse mapping.
             let back = placement.device_pose(&placement.mesh_pose(&turned));
             assert!(back.translation.distance(turned.translation) < 1e-15, "{back:?}");
             assert!(back.rotation_vector_to(&turned).length() < 1e-12);

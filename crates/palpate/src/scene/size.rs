@@ -1,7 +1,8 @@
-//! Refuses objects whose size suggests that their file is in another unit: what is felt of them is of no use, and surprises.
+//! Check of object sizes: an object whose size suggests that its file is in another unit is refused.
 //!
-//! A mesh of a few centimetres that was read with its millimetres as metres has a millionfold moment of inertia, and its centre
-//! of mass is tens of metres from the handle: at the least turn of it the coupling pulls with all that the device has.
+//! A mesh of a few centimetres whose millimetres were read as metres has a moment of inertia that is too
+//! large by a factor of 10⁶, and its centre of mass is tens of metres from the handle: at the slightest
+//! rotation the coupling pulls with the device's peak force.
 
 use std::ops::RangeInclusive;
 
@@ -11,25 +12,28 @@ use crate::scene::Placed;
 use crate::scene::object::Object;
 use crate::settings::Settings;
 
-/// Bounding radii of objects in the hand, and of those to be felt with them, m: the largest object of a scene may be a building.
-const IN_HAND: RangeInclusive<f64> = 1e-3..=2.0;
-const IN_SCENE: RangeInclusive<f64> = 5e-4..=20.0;
+/// Usual bounding radii of objects in the hand, m. Objects outside the range are refused.
+const USUAL_IN_HAND: RangeInclusive<f64> = 1e-3..=2.0;
+/// Usual bounding radii of scene objects, m; the largest may be a building. Objects outside the range are
+/// refused.
+const USUAL_IN_SCENE: RangeInclusive<f64> = 5e-4..=20.0;
 
-/// An object's size suggests that it was read in another unit than its file is in.
+/// The size of an object suggests that it was read in a wrong unit.
 ///
-/// That is a bounding radius below 1 mm or above 2 m in the hand, or below 0.5 mm or above 20 m in the scene, both in the world and, by the
-/// [workspace scale](crate::settings::DeviceSettings::workspace_scale), at the device.
+/// Its bounding radius is below 1 mm or above 2 m in the hand, or below 0.5 mm or above 20 m in the scene,
+/// both in the world and, by the [workspace scale](crate::settings::DeviceSettings::workspace_scale), at the
+/// device.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "{name}: the bounding radius of {radius:.3e} m suggests a wrong unit; {}, or set Settings::unusual_size to feel it as it is",
+    "{name}: the bounding radius of {radius:.3e} m suggests a wrong unit; {}, or set ToolSettings::unusual_size to accept it",
     remedy(*.suggested)
 )]
 pub struct UnitsError {
-    /// The object's name.
+    /// Name of the object.
     pub name: String,
-    /// Its bounding radius, m.
+    /// Bounding radius of the object, m.
     pub radius: f64,
-    /// A factor on its lengths that would give it a usual size, if one of the usual units does.
+    /// Factor on the object's lengths that would give it a usual size, if one of the usual units does.
     pub suggested: Option<f64>,
 }
 
@@ -43,7 +47,7 @@ fn remedy(suggested: Option<f64>) -> String {
 /// Refuses the first object whose size suggests a wrong unit, unless the settings allow it.
 ///
 /// # Errors
-/// With the object.
+/// Names that object.
 pub(crate) fn check_sizes<'a>(
     probes: impl IntoIterator<Item = &'a Object>,
     scene: &[Placed],
@@ -52,8 +56,8 @@ pub(crate) fn check_sizes<'a>(
     if settings.tool.unusual_size {
         return Ok(());
     }
-    let in_hand = probes.into_iter().map(|object| (object, IN_HAND));
-    let in_scene = scene.iter().map(|Placed { object, .. }| (object, IN_SCENE));
+    let in_hand = probes.into_iter().map(|object| (object, USUAL_IN_HAND));
+    let in_scene = scene.iter().map(|Placed { object, .. }| (object, USUAL_IN_SCENE));
     for (object, usual) in in_hand.chain(in_scene) {
         let radius = object.bounding_radius();
         if ![radius, radius / settings.device.workspace_scale].iter().any(|radius| usual.contains(radius)) {
@@ -75,7 +79,7 @@ mod tests {
     use super::*;
     use crate::settings::{DeviceSettings, ToolSettings};
 
-    /// A tetrahedron of a bounding radius, m.
+    /// Tetrahedron with a bounding radius (m).
     fn object(radius: f64) -> Object {
         let corners = [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]];
         let corners = corners.map(|corner| DVec3::from(corner) / 3.0_f64.sqrt() * radius);
@@ -94,7 +98,7 @@ mod tests {
         assert_eq!((refused.name.as_str(), refused.suggested), ("tetrahedron", Some(1e-3)));
         assert!((refused.radius - 77.7).abs() < 1e-9);
         let text = refused.to_string();
-        for said in ["7.770e1 m", "OpenOptions::scale by 0.001", "Settings::unusual_size"] {
+        for said in ["7.770e1 m", "OpenOptions::scale by 0.001", "ToolSettings::unusual_size"] {
             assert!(text.contains(said), "{text}");
         }
         let insisted = Settings {
@@ -109,14 +113,14 @@ mod tests {
     }
 
     #[test]
-    fn objects_of_the_scene_may_be_larger() {
+    fn scene_objects_may_be_larger() {
         assert_eq!(check(0.05, 15.0, Settings::default()), Ok(()));
         assert!(check(15.0, 15.0, Settings::default()).is_err());
         assert!(check(0.05, 50.0, Settings::default()).is_err());
         assert!(check(0.05, 1e-5, Settings::default()).is_err());
     }
 
-    /// What is of a usual size at the device is meant so, and what is of a usual size in the world is not scaled away.
+    /// A usual size at the device is enough, and so is a usual size in the world.
     #[test]
     fn the_workspace_scale_counts() {
         let scaled = |workspace_scale| Settings {

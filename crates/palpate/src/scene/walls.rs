@@ -1,20 +1,23 @@
-//! Walls that are too thin for a distance field: two sides of them are nearer to one another than the field's lattice tells apart.
+//! Detection of walls that are too thin for a distance field: their two sides are closer than the field's
+//! lattice resolves.
 
 use palpate_core::TriMesh;
 use palpate_core::glam::DVec3;
 use palpate_field::ExactDistance;
 
-/// Places of the surface that are looked at.
-const PLACES: usize = 4096;
+/// Number of sample points on the surface. With fewer, small thin walls are missed.
+const SAMPLES: usize = 4096;
 
-/// Two surfaces bound a wall if the cosine of the angle between one's normal and the reverse of the other's is above this: sharper
-/// edges than 45° are thin walls near their ends, blunter ones are not.
-const OPPOSITE: f64 = 0.7;
+/// Smallest cosine of the angle between the normal of one side and the reversed normal of the other at which
+/// the two bound a wall. At this value edges sharper than 45° count as thin walls near their ends, and
+/// blunter ones do not.
+const MIN_OPPOSITION: f64 = 0.7;
 
-/// The nearest of what is as far away as the place itself may be a little nearer by rounding, or because the surface is curved.
-const NEARER: f64 = 0.95;
+/// Largest distance to the other side of a thin wall, in units of the distance to the sample itself. Rounding
+/// and curvature may bring the sample's own side a little nearer, which must not count as another side.
+const MAX_DISTANCE_RATIO: f64 = 0.95;
 
-/// The part of a surface, by its area, that bounds walls thinner than a thickness (m).
+/// Fraction of a surface's area that bounds walls thinner than a thickness (m).
 pub(crate) fn thin_share(mesh: &TriMesh, thickness: f64) -> f64 {
     let exact = ExactDistance::new(mesh);
     let areas: Vec<f64> = (0..mesh.triangles().len())
@@ -25,30 +28,35 @@ pub(crate) fn thin_share(mesh: &TriMesh, thickness: f64) -> f64 {
         .collect();
     let whole: f64 = areas.iter().sum();
     let (mut triangle, mut before, mut thin, mut hint) = (0, 0.0, 0, 0);
-    for place in 0..PLACES {
-        let at = (place as f64 + 0.5) / PLACES as f64 * whole;
+    for sample in 0..SAMPLES {
+        // Samples are equally spaced in the running sum of the triangles' areas.
+        let at = (sample as f64 + 0.5) / SAMPLES as f64 * whole;
         while triangle + 1 < areas.len() && before + areas[triangle] <= at {
             before += areas[triangle];
             triangle += 1;
         }
         let corners = mesh.corners(triangle);
-        let Some((point, normal)) = inside(&corners, place) else { continue };
+        let Some((point, normal)) = sample_point(&corners, sample) else { continue };
+        // Half the thickness below the sample, the other side of a thinner wall is nearer than the sample.
         let middle = point - 0.5 * thickness * normal;
         let nearest = exact.nearest(middle, hint);
         hint = nearest.hint;
-        let way = nearest.point - middle;
-        let distance = way.length();
-        // The other side is before it, or behind it already.
-        let ahead = if nearest.distance < 0.0 { -way.dot(normal) } else { way.dot(normal) };
-        thin += usize::from(distance < NEARER * 0.5 * thickness && ahead >= OPPOSITE * distance);
+        let to_nearest = nearest.point - middle;
+        let distance = to_nearest.length();
+        // The point is still inside the wall, with the other side ahead; or outside, with the other side
+        // behind it.
+        let ahead = if nearest.distance < 0.0 { -to_nearest.dot(normal) } else { to_nearest.dot(normal) };
+        thin += usize::from(
+            distance < MAX_DISTANCE_RATIO * 0.5 * thickness && ahead >= MIN_OPPOSITION * distance,
+        );
     }
-    thin as f64 / PLACES as f64
+    thin as f64 / SAMPLES as f64
 }
 
-/// A point of a triangle, another one for each number, with the normal there; none without area.
-fn inside([a, b, c]: &[DVec3; 3], number: usize) -> Option<(DVec3, DVec3)> {
+/// Point of a triangle, a different one for each number, with the normal there; `None` without area.
+fn sample_point([a, b, c]: &[DVec3; 3], number: usize) -> Option<(DVec3, DVec3)> {
     let normal = (b - a).cross(c - a).try_normalize()?;
-    // Roberts' additive recurrence fills a square evenly, folded on to the triangle.
+    // Roberts' additive recurrence fills the unit square evenly; the upper half is folded on to the triangle.
     let part = |step: f64| (0.5 + step * number as f64).fract();
     let (u, v) = (part(0.754_877_666_246_692_7), part(0.569_840_290_998_053_2));
     let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
@@ -60,7 +68,7 @@ mod tests {
     use super::*;
     use crate::scene::field::welded;
 
-    /// A box about the origin.
+    /// Box centred at the origin.
     fn plate(size: DVec3) -> TriMesh {
         let corner = |i: u32| {
             let part = DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2));
@@ -88,7 +96,7 @@ mod tests {
 
     #[cfg(feature = "models")]
     #[test]
-    fn what_is_rounded_has_no_walls() {
+    fn rounded_solids_have_no_thin_walls() {
         for name in ["torus@2000", "golf-ball@5000", "spoon@2000"] {
             let object = crate::Object::model(name).expect("a model");
             let mesh = welded(object.triangles()).expect("triangles");

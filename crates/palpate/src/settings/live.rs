@@ -1,12 +1,14 @@
-//! Settings that change while a session runs: what waits for the two loops, and how gains go over from the old ones to the new, so that
-//! no force jumps, and a spring that is held stretched is not stiffened at once.
+//! Settings that change while a session runs: the values that are sent to the two loops, and the ramp from
+//! old gains to new ones. Without the ramp the force would jump, and a spring that is held stretched would
+//! stiffen at once.
 
 use palpate_dynamics::{ContactParameters, Friction, SlewLimit, VirtualCoupling};
 
-/// Time in which gains go over to new ones, s.
-const RAMP: f64 = 0.2;
+/// Duration of the ramp from old gains to new ones, s. A shorter ramp is felt as a jolt while a spring is
+/// stretched.
+const RAMP_TIME: f64 = 0.2;
 
-/// What the haptic loop is tuned to.
+/// Live settings of the haptic loop.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct HapticTuning {
     pub coupling: VirtualCoupling,
@@ -15,7 +17,7 @@ pub(crate) struct HapticTuning {
     pub max_damping: (f64, f64),
 }
 
-/// What the contact loop is tuned to.
+/// Live settings of the contact loop.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ContactTuning {
     pub parameters: ContactParameters,
@@ -24,7 +26,7 @@ pub(crate) struct ContactTuning {
     pub query_budget: Option<f64>,
 }
 
-/// Going over from one to another.
+/// Linear change from one value to another over [`RAMP_TIME`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ramp<T> {
     from: T,
@@ -32,62 +34,62 @@ pub(crate) struct Ramp<T> {
     elapsed: f64,
 }
 
-impl<T: Between> Ramp<T> {
+impl<T: Interpolate> Ramp<T> {
     pub fn new(from: T, to: T) -> Self {
         Self { from, to, elapsed: 0.0 }
     }
 
-    /// Where it is `dt` (s) later, and whether that is the end.
+    /// Advances by `dt` (s). Returns the value, and whether the ramp has ended.
     pub fn advance(&mut self, dt: f64) -> (T, bool) {
         self.elapsed += if dt > 0.0 { dt } else { 0.0 };
-        let part = (self.elapsed / RAMP).min(1.0);
-        if part >= 1.0 { (self.to, true) } else { (self.from.between(&self.to, part), false) }
+        let t = (self.elapsed / RAMP_TIME).min(1.0);
+        if t >= 1.0 { (self.to, true) } else { (self.from.lerp(&self.to, t), false) }
     }
 }
 
-/// What can be between two.
-pub(crate) trait Between: Copy {
-    /// A part of the way from this to another, 0 to 1.
-    fn between(&self, other: &Self, part: f64) -> Self;
+/// Values that a [`Ramp`] can interpolate.
+pub(crate) trait Interpolate: Copy {
+    /// Interpolates linearly: `self` at t = 0, `other` at t = 1.
+    fn lerp(&self, other: &Self, t: f64) -> Self;
 }
 
-impl Between for f64 {
-    fn between(&self, other: &Self, part: f64) -> Self {
-        self + (other - self) * part
+impl Interpolate for f64 {
+    fn lerp(&self, other: &Self, t: f64) -> Self {
+        self + (other - self) * t
     }
 }
 
-impl Between for VirtualCoupling {
-    /// Of the gains; the rest is the other's.
-    fn between(&self, other: &Self, part: f64) -> Self {
+impl Interpolate for VirtualCoupling {
+    /// Interpolates the gains; other fields are those of `other`.
+    fn lerp(&self, other: &Self, t: f64) -> Self {
         Self {
-            linear_stiffness: self.linear_stiffness.between(&other.linear_stiffness, part),
-            linear_damping: self.linear_damping.between(&other.linear_damping, part),
-            angular_stiffness: self.angular_stiffness.between(&other.angular_stiffness, part),
-            angular_damping: self.angular_damping.between(&other.angular_damping, part),
+            linear_stiffness: self.linear_stiffness.lerp(&other.linear_stiffness, t),
+            linear_damping: self.linear_damping.lerp(&other.linear_damping, t),
+            angular_stiffness: self.angular_stiffness.lerp(&other.angular_stiffness, t),
+            angular_damping: self.angular_damping.lerp(&other.angular_damping, t),
             ..*other
         }
     }
 }
 
-impl Between for ContactParameters {
-    fn between(&self, other: &Self, part: f64) -> Self {
-        let (rest, sliding) = (
-            self.friction.static_coefficient.between(&other.friction.static_coefficient, part),
-            self.friction.dynamic_coefficient.between(&other.friction.dynamic_coefficient, part),
-        );
+impl Interpolate for ContactParameters {
+    fn lerp(&self, other: &Self, t: f64) -> Self {
+        let (from, to) = (&self.friction, &other.friction);
         Self {
-            stiffness: self.stiffness.between(&other.stiffness, part),
-            damping: self.damping.between(&other.damping, part),
-            friction: Friction { static_coefficient: rest, dynamic_coefficient: sliding },
+            stiffness: self.stiffness.lerp(&other.stiffness, t),
+            damping: self.damping.lerp(&other.damping, t),
+            friction: Friction {
+                static_coefficient: from.static_coefficient.lerp(&to.static_coefficient, t),
+                dynamic_coefficient: from.dynamic_coefficient.lerp(&to.dynamic_coefficient, t),
+            },
             ..*other
         }
     }
 }
 
-/// Contact parameters and s₀ (m).
-impl Between for (ContactParameters, f64) {
-    fn between(&self, other: &Self, part: f64) -> Self {
-        (self.0.between(&other.0, part), self.1.between(&other.1, part))
+/// Contact parameters and the error threshold s₀ (m).
+impl Interpolate for (ContactParameters, f64) {
+    fn lerp(&self, other: &Self, t: f64) -> Self {
+        (self.0.lerp(&other.0, t), self.1.lerp(&other.1, t))
     }
 }

@@ -1,35 +1,36 @@
-//! What a session with a tool of two bodies leaves behind: one row a haptic step.
+//! Recordings of a session with a tool of two bodies: one row per haptic step.
 
 use palpate_core::{Pose, Wrench};
 
 use super::record::{Recorded, numbers_of_pose, numbers_of_wrench};
 
-/// The state of one haptic step. SI units; in world axes but for what is the device's.
+/// State of one haptic step of a hinged tool, in SI units and world axes unless a field says otherwise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HingedRecord {
     /// Time since the start, s.
     pub time: f64,
-    /// Pose of the device as it was read, in its own axes and at its own scale; the last good one where it was refused.
+    /// Pose of the device as it was read, in its own axes and at its own scale; the last good one where a
+    /// reading was refused.
     pub device: Pose,
-    /// The same in the world, where the coupling has it.
+    /// Pose at which the device holds the first mesh's frame, in the world. Not written to recordings.
     pub handle: Pose,
-    /// The gripper's angle as it was read, rad; the last good one where it was refused.
+    /// Angle of the gripper as it was read, rad; the last good one where a reading was refused.
     pub gripper: f64,
     /// Poses of the mesh frames of the two bodies in the world after the step.
     pub objects: [Pose; 2],
-    /// The hinge's angle after the step, rad.
+    /// Angle of the hinge after the step, rad.
     pub angle: f64,
     /// Wrench sent to the device, in its axes: force, and torque about its handle's origin.
     pub coupling: Wrench,
-    /// Torque sent to the gripper, N·m: positive where it opens it.
+    /// Torque sent to the gripper, N·m; a positive one opens the gripper.
     pub torque: f64,
-    /// Torque of the hinge's stops on the second body, N·m: positive where it opens the hinge.
+    /// Torque of the hinge's stops on the second body, N·m; a positive one opens the hinge.
     pub stop: f64,
     /// Contact wrench on each body: force, and torque about its centre of mass.
     pub contact: [Wrench; 2],
-    /// Deepest penetration of each body that the latest contact query found, m; 0 when disjoint.
+    /// Deepest penetration of each body that its latest contact query found, m; 0 without penetration.
     pub depth: [f64; 2],
-    /// Contacts of these queries, before clustering.
+    /// Number of contacts of each body's latest contact query, before clustering.
     pub contacts: [u32; 2],
     /// Age of the older of the contact models in use, s; NaN before the first.
     pub model_age: f64,

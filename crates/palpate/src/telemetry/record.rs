@@ -1,4 +1,4 @@
-//! What a session leaves behind: one row a haptic step.
+//! Recordings of a session: one row per haptic step.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -8,12 +8,12 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Wrench};
 use serde::Serialize;
 
-/// One row of a recording: numbers under column names.
+/// Row of a recording: numbers under column names.
 pub trait Recorded: Copy + std::fmt::Debug + Send + 'static {
     /// Column names, in order.
     const COLUMNS: &'static [&'static str];
 
-    /// A record of no step.
+    /// Record without a step.
     #[doc(hidden)]
     const BLANK: Self;
 
@@ -21,67 +21,68 @@ pub trait Recorded: Copy + std::fmt::Debug + Send + 'static {
     fn row(&self) -> impl Iterator<Item = f64>;
 }
 
-/// What every record is made of, beside the step of the tool.
+/// Values of which a record is made, besides the step of the tool.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 pub struct StepData {
     pub time: f64,
     /// Pose of the device as it was read, in its axes.
     pub device: Pose,
-    /// Where that has the first mesh's frame in the world.
+    /// Pose at which the device holds the first mesh's frame, in the world.
     pub handle: Pose,
-    /// The gripper's angle as it was read, rad.
+    /// Angle of the gripper as it was read, rad.
     pub gripper: f64,
     /// Wrench sent to the device, in its axes.
     pub coupling: Wrench,
     /// Torque sent to the gripper, N·m.
     pub torque: f64,
-    /// The contact model in use of each body.
+    /// Contact model in use of each body.
     pub models: [ModelData; 2],
 }
 
-/// What a contact model was found with.
+/// Time, pose and result of the query that a contact model comes from.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 pub struct ModelData {
     /// Time of the body state that the query saw, s; NaN before the first.
     pub time: f64,
-    /// Where the body was; the pose of its centre of mass.
+    /// Pose of the body's centre of mass that the query saw.
     pub pose: Pose,
     /// Deepest penetration, m.
     pub depth: f64,
-    /// Contacts before clustering.
+    /// Number of contacts before clustering.
     pub contacts: u32,
 }
 
 impl ModelData {
-    /// No contact, before any query, with the body at a pose.
+    /// Data before the first query: no contacts, with the body at a pose.
     pub(crate) const fn none(pose: Pose) -> Self {
         Self { time: f64::NAN, pose, depth: 0.0, contacts: 0 }
     }
 }
 
-/// The seven numbers of a pose: position, and quaternion x, y, z, w.
+/// Seven numbers of a pose: position, and quaternion x, y, z, w.
 pub(crate) fn numbers_of_pose(pose: &Pose) -> [f64; 7] {
     let (x, q) = (pose.translation, pose.rotation);
     [x.x, x.y, x.z, q.x, q.y, q.z, q.w]
 }
 
-/// The six numbers of a wrench: force and torque.
+/// Six numbers of a wrench: force and torque.
 pub(crate) fn numbers_of_wrench(wrench: &Wrench) -> [f64; 6] {
     let (f, t) = (wrench.force, wrench.torque);
     [f.x, f.y, f.z, t.x, t.y, t.z]
 }
 
-/// The state of one haptic step. SI units; in world axes but for what is the device's.
+/// State of one haptic step, in SI units and world axes unless a field says otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Record {
     /// Time since the start, s.
     pub time: f64,
-    /// Pose of the device as it was read, in its own axes and at its own scale; the last good one where it was refused.
+    /// Pose of the device as it was read, in its own axes and at its own scale; the last good one where a
+    /// reading was refused.
     pub device: Pose,
-    /// Where that has the mesh's frame in the world: the object is there while nothing holds it back. Held in place while the clutch
-    /// is held. Not written to recordings.
+    /// Pose at which the device holds the mesh's frame, in the world: the object is there while nothing holds
+    /// it back. It stays in place while the clutch is held. Not written to recordings.
     pub handle: Pose,
     /// Pose of the grasped object's mesh frame in the world after the step.
     pub object: Pose,
@@ -89,20 +90,21 @@ pub struct Record {
     pub coupling: Wrench,
     /// Contact wrench on the grasped object: force, and torque about its centre of mass.
     pub contact: Wrench,
-    /// Deepest penetration that the latest contact query found, m; 0 when disjoint.
+    /// Deepest penetration that the latest contact query found, m; 0 without penetration.
     pub depth: f64,
-    /// Contacts of that query, before clustering.
+    /// Number of contacts of the latest contact query, before clustering.
     pub contacts: u32,
     /// Age of the contact model in use, s; NaN before the first.
     pub model_age: f64,
 }
 
 impl Record {
-    /// How far the coupling is stretched, m: the distance, in the world, of the object's grasp from where the device holds it. `grasp` is
-    /// the grasp's position in the mesh's frame, as [`Summary::grasp`](crate::Summary::grasp) has it.
+    /// Stretch of the coupling, m: distance, in the world, of the object's grasp from where the device holds
+    /// it. `grasp` is the grasp's position in the mesh's frame, as in
+    /// [`Summary::grasp`](crate::Summary::grasp).
     ///
-    /// The origins of the two frames may be much further apart: where the object is turned a little against the device, by as much
-    /// as their distance from the grasp makes of it.
+    /// The origins of the two frames may be much further apart: a small rotation of the object against the
+    /// device shifts the origin by the angle times its distance from the grasp.
     pub fn stretch(&self, grasp: DVec3) -> f64 {
         self.handle.transform_point(grasp).distance(self.object.transform_point(grasp))
     }
@@ -167,8 +169,8 @@ impl Recorded for Record {
     }
 }
 
-/// Writes a recording as CSV: the header [`COLUMNS`](Recorded::COLUMNS), then a row a step, in full precision, so that reading it back
-/// gives the same numbers.
+/// Writer of a recording as CSV: the header [`COLUMNS`](Recorded::COLUMNS), then one row per step, in full
+/// precision, so that reading it back gives the same numbers.
 #[derive(Debug)]
 pub struct RecordWriter<W: Write, R = Record> {
     out: csv::Writer<W>,
@@ -176,7 +178,7 @@ pub struct RecordWriter<W: Write, R = Record> {
 }
 
 impl<R: Recorded> RecordWriter<File, R> {
-    /// A recording in a new file.
+    /// Creates a file for a recording.
     ///
     /// # Errors
     /// If the file cannot be created or written.
@@ -186,7 +188,7 @@ impl<R: Recorded> RecordWriter<File, R> {
 }
 
 impl<W: Write, R: Recorded> RecordWriter<W, R> {
-    /// A recording to anything that can be written to.
+    /// Begins a recording on any writer.
     ///
     /// # Errors
     /// If the header cannot be written.
@@ -196,10 +198,10 @@ impl<W: Write, R: Recorded> RecordWriter<W, R> {
         Ok(Self { out, record: std::marker::PhantomData })
     }
 
-    /// Adds a row.
+    /// Writes a row.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the row cannot be written.
     pub fn write(&mut self, record: &R) -> io::Result<()> {
         for number in record.row() {
             self.out.write_field(number.to_string())?;
@@ -207,10 +209,10 @@ impl<W: Write, R: Recorded> RecordWriter<W, R> {
         Ok(self.out.write_record(None::<&[u8]>)?)
     }
 
-    /// Writes what is still held back; to be called at the end, so that an error is not lost.
+    /// Flushes the buffered rows. Call it at the end, so that an error is not lost.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the rows cannot be written.
     pub fn finish(mut self) -> io::Result<()> {
         self.out.flush()
     }
@@ -222,7 +224,7 @@ mod tests {
 
     use super::*;
 
-    /// Turned about the grasp, an object is not behind there, however far its frame's origin is carried.
+    /// A rotation about the grasp does not stretch the coupling, however far it moves the frame's origin.
     #[test]
     fn the_stretch_is_measured_at_the_grasp() {
         let grasp = DVec3::new(0.1, 0.0, 0.0);
@@ -230,17 +232,7 @@ mod tests {
         let about_grasp = Pose::from_translation(grasp) * turn * Pose::from_translation(-grasp);
         let handle = Pose::new(DVec3::new(0.3, -0.2, 0.1), DQuat::from_rotation_x(1.2));
         let shift = Pose::from_translation(DVec3::new(0.0, 4e-4, -3e-4));
-        let record = Record {
-            time: 0.0,
-            device: handle,
-            handle,
-            object: shift * handle * about_grasp,
-            coupling: Wrench::ZERO,
-            contact: Wrench::ZERO,
-            depth: 0.0,
-            contacts: 0,
-            model_age: 0.0,
-        };
+        let record = Record { handle, object: shift * handle * about_grasp, ..Record::BLANK };
         assert!((record.stretch(grasp) - 5e-4).abs() < 1e-12, "{}", record.stretch(grasp));
         let origins = record.handle.translation.distance(record.object.translation);
         assert!(origins > 3e-3 && (record.stretch(DVec3::ZERO) - origins).abs() < 1e-15, "{origins}");

@@ -1,10 +1,10 @@
-//! Why a tool cannot be held.
+//! Errors in making a tool.
 
 use palpate_dynamics::{BodyError, JointError};
 
 use crate::settings::SettingsError;
 
-/// Why a tool cannot be held with the settings.
+/// A tool cannot be held with the settings.
 #[derive(Debug, thiserror::Error)]
 pub enum ToolError {
     /// A setting is out of range.
@@ -13,9 +13,9 @@ pub enum ToolError {
     /// A body has no usable mass or inertia.
     #[error("{name}: {source}")]
     Body {
-        /// The object's name.
+        /// Name of the object.
         name: String,
-        /// The reason.
+        /// Cause.
         source: BodyError,
     },
     /// The hinge is invalid.

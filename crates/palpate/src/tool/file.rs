@@ -1,33 +1,31 @@
-//! Tools with a hinge as files, in TOML:
+//! Files of tools with a hinge, in TOML:
 //!
 //! ```toml
 //! limits = [0.0, 0.8]                # smallest and largest angle of the hinge, rad
-//! stop_stiffness = 100.0             # of the hinge's stops, N·m/rad
+//! stop_stiffness = 100.0             # stiffness of the hinge's stops, N·m/rad
 //!
-//! [first]                            # the body that the device holds
+//! [first]                            # body that the device holds
 //! model = "forceps-jaw"              # mesh file, .clod file or built-in model
 //! mass = 0.05                        # kg
 //!
-//! [second]                           # the body that turns against it, about the z axis of its hinge's frame
+//! [second]                           # body that rotates about the z axis of its hinge's frame
 //! model = "forceps-jaw"
 //! mass = 0.05
-//! hinge.position = [0.0, 0.0, 0.0]   # of the hinge's frame in the mesh's, m
-//! hinge.rotation = [1.0, 0.0, 0.0, 0.0]
+//! hinge.position = [0.0, 0.0, 0.0]   # position of the hinge's frame in the mesh's, m
+//! hinge.rotation = [1.0, 0.0, 0.0, 0.0]   # quaternion x, y, z, w
 //! ```
 
 use std::ops::ControlFlow;
 use std::path::Path;
 
 use palpate_clod_build::Stage;
-use palpate_core::Pose;
 use palpate_core::glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::hinged::HingedTool;
-use crate::scene::file::{SceneFileError, one, open_model, read_toml, upright};
-use crate::scene::object::Object;
+use crate::scene::file::{Entry, SceneFileError, one, read_toml, upright};
 
-/// A tool with a hinge as a file has it.
+/// Contents of a tool file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ToolFile {
@@ -36,17 +34,17 @@ pub struct ToolFile {
     /// Stiffness of the hinge's stops, N·m/rad.
     #[serde(default = "stop_stiffness")]
     pub stop_stiffness: f64,
-    /// The body that the device holds.
+    /// Body that the device holds.
     pub first: ToolPart,
-    /// The body that turns against it.
+    /// Body that rotates relative to the first.
     pub second: ToolPart,
 }
 
-/// A body of a tool file.
+/// Body of a tool file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ToolPart {
-    /// A mesh file, a `.clod` file or a built-in model, as [`Object::open`] takes them.
+    /// Mesh file, `.clod` file or built-in model, as in [`Object::open`](crate::Object::open).
     pub model: String,
     /// Mass, kg.
     pub mass: f64,
@@ -56,19 +54,19 @@ pub struct ToolPart {
     /// Factor on the mesh's lengths.
     #[serde(default = "one")]
     pub scale: f64,
-    /// Whether to make an oriented 2-manifold without self-intersection of the mesh.
+    /// Whether to repair the mesh to an oriented 2-manifold without self-intersections.
     #[serde(default)]
     pub repair: bool,
 }
 
-/// A hinge's frame.
+/// Frame of a hinge in a tool file.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HingeFrame {
     /// Position in the mesh's frame, m.
     #[serde(default)]
     pub position: DVec3,
-    /// Quaternion x, y, z, w; made of unit length.
+    /// Rotation, a quaternion x, y, z, w that is normalised on reading.
     #[serde(default = "upright")]
     pub rotation: DQuat,
 }
@@ -84,16 +82,18 @@ fn stop_stiffness() -> f64 {
 }
 
 impl ToolFile {
-    /// Reads a file.
+    /// Reads a tool file.
     ///
     /// # Errors
-    /// If it cannot be read, or is no tool file: with the line, and what would do.
+    /// If the file cannot be read, or is no valid tool file; the message names the line and what is expected
+    /// there.
     pub fn load(path: &Path) -> Result<Self, SceneFileError> {
         read_toml(path)
     }
 
-    /// Opens the tool's objects, with paths from the folder of `path`, the file that this was loaded from. `progress` gets the model,
-    /// the stage, and how much of that is done (0 to 1).
+    /// Opens the tool's objects. Relative paths start at the folder of `path`, the file that the tool was
+    /// loaded from. `progress` receives the model, the stage, and the fraction of the stage that is done (0
+    /// to 1).
     ///
     /// # Errors
     /// If an object cannot be opened, or its hinge or scale is invalid.
@@ -102,24 +102,15 @@ impl ToolFile {
         path: &Path,
         progress: &mut dyn FnMut(&str, Stage, f64) -> ControlFlow<()>,
     ) -> Result<HingedTool, SceneFileError> {
-        let folder = path.parent().unwrap_or(Path::new("."));
-        let mut part = |number: usize, part: &ToolPart| -> Result<(Object, Pose), SceneFileError> {
-            let refuse = |what| SceneFileError::Object {
-                path: path.to_owned(),
+        let mut part = |number, ToolPart { model, hinge, scale, repair, .. }: &ToolPart| {
+            let entry = Entry {
                 number,
-                model: part.model.clone(),
-                what,
+                model,
+                pose: (hinge.position, hinge.rotation),
+                scale: *scale,
+                repair: *repair,
             };
-            let hinge = Pose::new(part.hinge.position, part.hinge.rotation.normalize());
-            if !hinge.is_valid() {
-                return Err(refuse("give a hinge with a finite position and a quaternion that is not zero"));
-            }
-            if !(part.scale.is_finite() && part.scale > 0.0) {
-                return Err(refuse("give a scale above 0"));
-            }
-            let object = open_model(folder, &part.model, (part.scale, part.repair), progress)?
-                .ok_or_else(|| refuse("give a scale that is less extreme"))?;
-            Ok((object, hinge))
+            entry.open(path, progress)
         };
         let (first, in_first) = part(1, &self.first)?;
         let (second, in_second) = part(2, &self.second)?;
@@ -136,6 +127,8 @@ impl ToolFile {
 
 #[cfg(all(test, feature = "models"))]
 mod tests {
+    use palpate_core::Pose;
+
     use super::*;
 
     fn written(text: &str) -> (tempfile::TempDir, std::path::PathBuf) {
@@ -153,7 +146,7 @@ mod tests {
                            [second]\nmodel = \"forceps-jaw@800\"\nmass = 0.04\nhinge.rotation = [2, 0, 0, 0]\n";
 
     #[test]
-    fn a_file_is_the_tool_that_it_says() {
+    fn a_tool_file_is_read_opened_and_written() {
         let (_folder, path) = written(FORCEPS);
         let file = ToolFile::load(&path).expect("a tool");
         let tool = file.open(&path, &mut ignored).expect("two jaws");
@@ -166,11 +159,11 @@ mod tests {
     }
 
     #[test]
-    fn refusals_say_what_and_where() {
+    fn errors_name_the_line_or_the_object() {
         for (from, to, said) in [
             ("limits", "limit", "line 1: unknown field `limit`"),
             ("mass = 0.04\n", "", "missing field `mass`"),
-            ("[2, 0, 0, 0]", "[0, 0, 0, 0]", "object 2, forceps-jaw@800: give a hinge"),
+            ("[2, 0, 0, 0]", "[0, 0, 0, 0]", "object 2, forceps-jaw@800: give a finite position"),
             ("mass = 0.05", "mass = 0.05\nscale = -1.0", "object 1, forceps-jaw@800: give a scale"),
         ] {
             let (_folder, path) = written(&FORCEPS.replacen(from, to, 1));

@@ -1,4 +1,4 @@
-//! Gains that the settings ask for, the rest chosen for the tool and the device.
+//! Gains of a session: those that the settings give, and the others chosen for the tool and the device.
 
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
@@ -13,23 +13,23 @@ use crate::settings::{
     ToolSettings,
 };
 
-/// A tool as its gains depend on it.
+/// Properties of a tool that its gains depend on.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Grasped {
-    /// All of the tool as one body, in the first body's axes.
+    /// The whole tool as one body, in the first body's axes.
     pub whole: Body,
-    /// Its centre of mass, from the first body's, m.
+    /// Centre of mass of the whole tool relative to that of the first body, m.
     pub center: DVec3,
     /// Centre of mass of the first body in its mesh's frame, m.
     pub first_center: DVec3,
-    /// The smallest bounding radius of its bodies, m.
+    /// Smallest bounding radius of the tool's bodies, m.
     pub radius: f64,
 }
 
 /// Gains of a session.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Gains {
-    /// The frame that the coupling holds, in the first mesh's frame.
+    /// Frame that the coupling holds, in the first mesh's frame.
     pub grasp: Pose,
     pub placement: HandlePlacement,
     pub coupling: VirtualCoupling,
@@ -44,7 +44,7 @@ pub(crate) struct Gains {
 }
 
 impl Gains {
-    /// For a tool in the hand that holds a device.
+    /// Chooses the gains for a tool and a device.
     ///
     /// # Errors
     /// If a setting is out of range.
@@ -73,7 +73,7 @@ impl Gains {
                 .contact
                 .damping
                 .unwrap_or(2.0 * (settings.contact.stiffness * whole.mass).sqrt()),
-            tolerance: settings.search.tolerance.unwrap_or_else(|| usual_tolerance(settings, *radius)),
+            tolerance: settings.search.tolerance.unwrap_or_else(|| default_tolerance(settings, *radius)),
             friction: Friction {
                 static_coefficient: settings.contact.static_friction.unwrap_or(settings.contact.friction),
                 dynamic_coefficient: settings.contact.friction,
@@ -91,7 +91,7 @@ impl Gains {
         })
     }
 
-    /// The settings with what they leave open filled in as chosen here.
+    /// Fills in the settings that are `None` with the gains chosen here.
     pub fn fill_in(&self, settings: &Settings) -> Settings {
         let Self { grasp, coupling, contacts, slew, .. } = *self;
         Settings {
@@ -118,10 +118,10 @@ impl Gains {
     }
 }
 
-/// What the device's specification says of its port, sampled every `period` seconds.
+/// Limits of the device's port by its specification, sampled every `period` seconds.
 fn port_limits(specification: &Specification, period: f64) -> PortLimits {
     let handle = specification.handle.as_ref();
-    // Nothing reaches the hand along or about axes that are not driven.
+    // Axes without an actuator render nothing.
     let driven = |axes: [bool; 3], peak: f64| if axes.contains(&true) { peak } else { 0.0 };
     PortLimits {
         translation: PortAxes {
@@ -149,7 +149,7 @@ fn port_limits(specification: &Specification, period: f64) -> PortLimits {
     }
 }
 
-/// The port of a gripper by its specification.
+/// Limits of a gripper's port by its specification.
 pub(crate) fn gripper_port(specification: &GripperSpecification) -> PortAxes {
     PortAxes {
         stiffness: specification.stiffness,
@@ -161,18 +161,18 @@ pub(crate) fn gripper_port(specification: &GripperSpecification) -> PortAxes {
     }
 }
 
-/// The largest distance tolerance that is chosen, m at the device.
-///
-/// It is 1 % of a bounding radius of 0.2 m, about the largest that a hand wields. A surface pushes from so far away, and what
-/// is larger than that, or was read in a wrong unit, is not to be felt as a cushion before it is seen to touch.
-const LARGEST_TOLERANCE: f64 = 2e-3;
+/// Largest default of the distance tolerance, m at the device: 1 % of a bounding radius of 0.2 m, about the
+/// largest object that a hand wields. Surfaces push from this distance on; with a larger tolerance, large
+/// objects, and those read in a wrong unit, would feel cushioned before they visibly touch.
+const MAX_DEFAULT_TOLERANCE: f64 = 2e-3;
 
-/// The distance tolerance d for an object of a bounding radius, m: 1 % of it, and no more than [`LARGEST_TOLERANCE`].
-fn usual_tolerance(settings: &Settings, radius: f64) -> f64 {
-    (0.01 * radius).min(LARGEST_TOLERANCE * settings.device.workspace_scale)
+/// Default distance tolerance d, m: 1 % of the bounding radius, at most [`MAX_DEFAULT_TOLERANCE`] at the
+/// device.
+fn default_tolerance(settings: &Settings, radius: f64) -> f64 {
+    (0.01 * radius).min(MAX_DEFAULT_TOLERANCE * settings.device.workspace_scale)
 }
 
-/// The coupling that the settings ask for, the rest chosen for the body and the device.
+/// Coupling with the gains that the settings give, and the others chosen for the body and the device.
 fn coupling(settings: &Settings, body: &Body, grasp: Pose, limits: &PortLimits) -> VirtualCoupling {
     let limits = limits.in_world(settings.device.workspace_scale);
     let chosen = VirtualCoupling::auto(body, grasp, &limits);
@@ -184,7 +184,7 @@ fn coupling(settings: &Settings, body: &Body, grasp: Pose, limits: &PortLimits) 
     coupling
 }
 
-/// How fast the wrench at the device may change.
+/// Largest rate of change of the wrench at the device.
 fn slew(settings: &Settings, limits: &PortLimits) -> SlewLimit {
     SlewLimit {
         force: settings.output.force_slew.unwrap_or(limits.translation.peak / SLEW_TIME),
@@ -192,8 +192,8 @@ fn slew(settings: &Settings, limits: &PortLimits) -> SlewLimit {
     }
 }
 
-/// The most damping (N·s/m, N·m·s/rad) that the passivity controller may put at the device: what is passive there beside
-/// the coupling's springs; none where it is off.
+/// Largest damping (N·s/m, N·m·s/rad) that the passivity controller may add at the device: the damping that
+/// is passive there beside the coupling's springs; 0 while the controller is off.
 fn max_damping(settings: &Settings, coupling: &VirtualCoupling, limits: &PortLimits) -> (f64, f64) {
     if !settings.output.passivity_controller {
         return (0.0, 0.0);

@@ -1,13 +1,13 @@
-//! A tool of two bodies with a hinge, as forceps or scissors, on a device of six degrees of freedom with a gripper (§6.2.3).
+//! Tools of two bodies with a hinge, such as forceps or scissors, on a 6-DoF device with a gripper (§6.2.3).
 //!
-//! The device holds the first body as any grasped object; the gripper opens and closes the hinge, and is sent a torque. Each body has
-//! contacts of its own with the scene, found by a [`ContactLoop`](crate::ContactLoop) of its own; one
-//! [`articulated_step`](palpate_dynamics::articulated_step) moves both. The two bodies do not collide with each other: where the
-//! blades meet is the hinge's lower limit. An object between them is felt as both touch it, and pushed by both if it has a
-//! [`DynamicBody`](crate::DynamicBody).
+//! The device holds the first body like any grasped object; the gripper opens and closes the hinge, and
+//! receives a torque. Each body has its own [`ContactLoop`](crate::ContactLoop), which finds its contacts
+//! with the scene; one [`articulated_step`](palpate_dynamics::articulated_step) moves both bodies. The bodies
+//! do not collide with each other: the hinge's lower limit is the angle at which the blades meet. An object
+//! between the blades touches both, and both push it if it has a [`DynamicBody`](crate::DynamicBody).
 //!
-//! Textures, friction, braking, proxies and levels of detail are those of the contact loops. A proxy follows one body, without
-//! regard to the hinge.
+//! Textures, friction, braking, proxies and levels of detail are those of the contact loops. A proxy follows
+//! one body, and ignores the hinge.
 
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
@@ -21,36 +21,36 @@ use super::error::ToolError;
 use super::gains::{Gains, Grasped};
 use super::{Hand, Moves, Tool, ToolStep};
 use crate::scene::object::Object;
-use crate::settings::gripper::{GripperSettings, USUAL_STIFFNESS};
+use crate::settings::gripper::{GripperSettings, UNLIMITED_STIFFNESS};
 use crate::telemetry::hinged_record::HingedRecord;
 use crate::telemetry::record::StepData;
 
 /// Two objects joined by a hinge.
 ///
-/// The hinge's frame is given in each mesh's frame; its z axis is the hinge's axis, and at angle 0 the two frames coincide. The
-/// second body turns about z by the angle, right-handed, as the gripper's angle grows.
+/// The hinge's frame is given in each mesh's frame; its z axis is the hinge's axis, and at angle 0 the two
+/// frames coincide. As the gripper's angle grows, the second body rotates about z, right-handed.
 #[derive(Clone, Debug)]
 pub struct HingedTool {
-    /// The body that the device holds.
+    /// Body that the device holds.
     pub first: Object,
-    /// The body that turns against it.
+    /// Body that rotates relative to the first.
     pub second: Object,
-    /// The hinge's frame in the mesh frames of the first and of the second.
+    /// The hinge's frame in the mesh frames of the first and of the second body.
     pub hinge: [Pose; 2],
-    /// Smallest and largest angle, rad: where the blades meet, and how wide they open.
+    /// Smallest and largest angle of the hinge, rad: blades closed, and fully open.
     pub limits: [f64; 2],
-    /// Masses, kg.
+    /// Masses of the bodies, kg.
     pub masses: [f64; 2],
-    /// Of the hinge's stops, N·m/rad.
+    /// Stiffness of the hinge's stops, N·m/rad.
     pub stop_stiffness: f64,
 }
 
 /// One of a tool's two bodies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ToolBody {
-    /// The one that the device holds.
+    /// The body that the device holds.
     First,
-    /// The one that turns against it.
+    /// The body that rotates relative to the first.
     Second,
 }
 
@@ -59,7 +59,7 @@ impl ToolBody {
 }
 
 impl HingedTool {
-    /// The two bodies about their centres of mass, and the hinge in their axes.
+    /// Two bodies about their centres of mass, with the hinge in their axes.
     pub(crate) fn body(&self) -> Result<ArticulatedBody, ToolError> {
         let body = |object: &Object, mass: f64| {
             Body::new(mass, object.clod.source.unit_inertia * mass)
@@ -80,7 +80,7 @@ impl HingedTool {
         [&self.first, &self.second].map(|object| object.clod.source.center_of_mass)
     }
 
-    /// The hinge's angle (rad) nearest to that of a gripper.
+    /// Angle of the hinge (rad) nearest to a gripper's angle.
     pub(crate) fn angle_for(&self, gripper: f64) -> f64 {
         let [low, high] = self.limits;
         gripper.max(low).min(high)
@@ -95,8 +95,8 @@ impl HingedTool {
     }
 }
 
-/// The coupling of gripper and hinge that the settings ask for, the rest chosen for the gripper's port; and the lag of the gripper's
-/// rate, s.
+/// Coupling of gripper and hinge, with the gains that the settings give and the others chosen for the
+/// gripper's port; and the lag of the gripper's angular rate, s.
 pub(crate) fn grip(
     body: &ArticulatedBody,
     gripper: &GripperSettings,
@@ -106,12 +106,12 @@ pub(crate) fn grip(
 ) -> (GripperCoupling, f64) {
     let Gains { limits, .. } = gains;
     let port = PortLimits { rotation: *port, ..*limits }.in_world(scale).rotation;
-    let chosen = GripperCoupling::auto(body, &port, USUAL_STIFFNESS, &limits.sampling);
+    let chosen = GripperCoupling::auto(body, &port, UNLIMITED_STIFFNESS, &limits.sampling);
     let stiffness = gripper.stiffness.unwrap_or(chosen.stiffness);
     let critical = GripperCoupling::critically_damped(body, stiffness);
     let damping = gripper.damping.unwrap_or(critical.damping);
     let grip = GripperCoupling { stiffness, damping, max_torque: chosen.max_torque };
-    // The rate is the difference of angles.
+    // The rate is a finite difference of angles, so it has none of the delay of a device's own velocity.
     let sampling = Sampling { velocity_delay: 0.0, ..limits.sampling };
     (grip, port.velocity_lag(stiffness, damping, &sampling))
 }
@@ -198,7 +198,7 @@ impl Tool for Hinged {
 
     fn record(&self, data: &StepData, step: &ToolStep) -> HingedRecord {
         let [first, second] = &data.models;
-        // The first comparison is false where one is NaN.
+        // A body without a query yet has time NaN, and counts as the older one.
         let older = if first.time < second.time || first.time.is_nan() { first } else { second };
         HingedRecord {
             time: data.time,

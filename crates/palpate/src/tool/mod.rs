@@ -1,5 +1,6 @@
-//! What a device can hold: one [rigid](Rigid) body, or two with a [hinge](Hinged) between them. A tool knows how it moves and what it
-//! is coupled to; the loops, drivers, editors and recordings are the same for each.
+//! Tools that a device can hold: one [rigid](Rigid) body, or two bodies with a [hinge](Hinged). A tool
+//! implements its motion and its coupling to the hand; the loops, drivers, editors and recordings are the
+//! same for all tools.
 
 pub(crate) mod error;
 #[cfg(feature = "scene-files")]
@@ -25,22 +26,22 @@ use crate::telemetry::record::{Recorded, StepData};
 
 /// A kind of tool: [`Rigid`] or [`Hinged`].
 pub trait Tool: Moves {
-    /// One row of a recording.
+    /// Row of a recording.
     type Record: Recorded;
     /// One value for each body: `X` for one body, `[X; 2]` for two.
     type PerBody<X>;
 
-    /// The record of a step.
+    /// Makes the record of a step.
     #[doc(hidden)]
     fn record(&self, data: &StepData, step: &ToolStep) -> Self::Record;
 
-    /// A value for each body, in order; `None` if there are too few.
+    /// Collects one value for each body, in order; `None` if there are too few.
     #[doc(hidden)]
     fn per_body<X>(values: impl Iterator<Item = X>) -> Option<Self::PerBody<X>>;
 }
 
 #[doc(hidden)]
-/// How a tool moves. A step allocates nothing and never panics.
+/// Motion of a tool. A step allocates nothing and never panics.
 pub trait Moves: Clone + Debug + Send + 'static {
     /// State of a body; the pose is that of its centre of mass, in its mesh's axes.
     fn body_state(&self, body: usize) -> BodyState;
@@ -48,7 +49,7 @@ pub trait Moves: Clone + Debug + Send + 'static {
     /// Centre of mass of a body in its mesh's frame, m.
     fn center_of_mass(&self, body: usize) -> DVec3;
 
-    /// The coupling that holds the first body.
+    /// Coupling that holds the first body.
     fn coupling(&self) -> &VirtualCoupling;
 
     /// Changes the coupling that holds the first body.
@@ -57,7 +58,7 @@ pub trait Moves: Clone + Debug + Send + 'static {
     /// Name of the method that integrates the tool's motion.
     fn integrator(&self) -> &'static str;
 
-    /// Energy in the couplings and in the tool's motion, J.
+    /// Potential energy of the couplings plus kinetic energy of the tool, J.
     fn energy(&self, hand: &Hand) -> f64;
 
     /// Advances the tool by `dt` (s), with a contact model for each body.
@@ -68,7 +69,7 @@ pub trait Moves: Clone + Debug + Send + 'static {
         dt: f64,
     ) -> ToolStep;
 
-    /// Puts the tool, at rest, where its couplings are relaxed; `false` if there is no such place.
+    /// Places the tool, at rest, where its couplings are relaxed; `false` if that place is not finite.
     fn reseat(&mut self, hand: &Hand) -> bool;
 
     /// Pose of a body's mesh frame.
@@ -77,28 +78,28 @@ pub trait Moves: Clone + Debug + Send + 'static {
     }
 }
 
-/// What holds a tool during a step, in the world.
+/// Motion of the hand that holds a tool during a step, in the world.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 pub struct Hand {
-    /// The device, at the grasp.
+    /// Motion of the device, at the grasp.
     pub device: DeviceMotion,
-    /// The gripper; at rest at 0 where there is none.
+    /// Motion of the gripper; at rest at angle 0 if there is no gripper.
     pub gripper: GripperMotion,
 }
 
-/// How a step of a tool went.
+/// Result of a tool's step.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 pub struct ToolStep {
-    /// How the step went.
+    /// Status of the step.
     pub status: StepStatus,
-    /// The coupling's wrench on the device, about the grasp.
+    /// Wrench of the coupling on the device, about the grasp.
     pub coupling: Wrench,
-    /// The torque on the gripper about the hinge's axis, N·m: positive where it opens it.
+    /// Torque on the gripper about the hinge's axis, N·m; a positive one opens the gripper.
     pub gripper: f64,
-    /// The torque of the hinge's stops on the second body, N·m: positive where it opens the hinge.
+    /// Torque of the hinge's stops on the second body, N·m; a positive one opens the hinge.
     pub stop: f64,
-    /// The contacts' wrench on each body, about its centre of mass.
+    /// Wrench of the contacts on each body, about its centre of mass.
     pub contacts: [Wrench; 2],
 }

@@ -15,7 +15,7 @@ pub struct Rigid {
     pub(crate) body: Body,
     pub(crate) coupling: VirtualCoupling,
     pub(crate) state: BodyState,
-    /// In the mesh's frame, m.
+    /// Centre of mass in the mesh's frame, m.
     pub(crate) center_of_mass: DVec3,
     pub(crate) integrator: Arc<dyn Integrator>,
 }
