@@ -28,7 +28,7 @@ use self::gripper::Gripper;
 use self::invariants::Invariants;
 use self::output::{Moment, Output};
 use self::presence::Presence;
-use self::reactions::{Reacting, Reactions};
+use self::reactions::{ReactionFeed, Reactions};
 use self::tracking::{Reading, Tracking};
 use self::workspace::{Workspace, motion_at};
 use crate::contact::ContactUpdate;
@@ -94,7 +94,7 @@ pub(crate) struct LoopSettings {
 #[derive(Debug, Default)]
 struct Outputs {
     tunings: Option<Consumer<HapticTuning>>,
-    reacting: Reacting,
+    reacting: ReactionFeed,
     followers: Vec<triple_buffer::Input<(Pose, Twist)>>,
     /// The device's first error. Only this loop sets it, so that it never waits.
     device_error: Arc<OnceLock<DeviceError>>,
@@ -199,13 +199,13 @@ impl<T: Tool> HapticLoop<T> {
     }
 
     /// Takes a newer contact model of a body into use: [gradually](ContactBlend), over as long as lies between the last two, but no
-    /// longer than [`ContactBlend::LONGEST`].
+    /// longer than [`ContactBlend::MAX_DURATION`].
     pub(crate) fn take_model(&mut self, body: usize, update: &ContactUpdate) {
         let state = self.tool.body_state(body);
         let Some(BodyContacts { blend, found, .. }) = self.bodies.get_mut(body) else { return };
         let &ContactUpdate { ref model, time, depth, contacts } = update;
         let since = time - found.time;
-        let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::LONGEST) };
+        let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::MAX_DURATION) };
         blend.arrive(model, &state, self.now - time, duration);
         *found = ModelData { time, pose: *model.pose(), depth, contacts };
         let contacts = self.contacts();

@@ -7,7 +7,7 @@ use palpate_device::Specification;
 use palpate_realtime::{Outcome, State, ThreadSetup};
 use serde::Serialize;
 
-use crate::haptic::invariants::Kept;
+use crate::haptic::invariants::InvariantRecord;
 use crate::run::machine::MachineLoad;
 use crate::run::renderer::HapticRenderer;
 use crate::scene::object::Object;
@@ -85,7 +85,7 @@ pub struct Session {
     /// Which stages the scene switched on or off, and why.
     pub stages: BTreeMap<&'static str, String>,
     /// Whether the wrenches that were sent kept what the engine promises of them, by [`Invariant`](crate::promises::Invariant).
-    pub invariants: BTreeMap<&'static str, Kept>,
+    pub invariants: BTreeMap<&'static str, InvariantRecord>,
 }
 
 /// The machine-readable summary of a session.
@@ -125,7 +125,7 @@ pub struct Summary {
     /// Which stages ran, and why.
     pub stages: BTreeMap<&'static str, String>,
     /// Whether the wrenches that were sent kept what the engine promises of them, by [`Invariant`](crate::promises::Invariant).
-    pub invariants: BTreeMap<&'static str, Kept>,
+    pub invariants: BTreeMap<&'static str, InvariantRecord>,
     /// Counts of events.
     pub events: Events,
 }
