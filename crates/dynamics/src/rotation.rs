@@ -40,8 +40,8 @@ pub(crate) fn coefficients(t: f64) -> (f64, f64, f64) {
     (a, (1.0 - cosine) / t, (1.0 - a) / t)
 }
 
-/// exp(u*) − 1 and J_l(u), of a rotation vector `u` (rad); J_l is the rotation, in world axes, that a change of `u` makes. The 1 is left out so that small
-/// rotations keep their digits.
+/// exp(u*) − 1 and J_l(u), of a rotation vector `u` (rad); J_l is the rotation, in world axes, that a change
+/// of `u` makes. The 1 is left out so that small rotations keep their digits.
 #[inline(always)]
 pub(crate) fn exponential(u: DVec3) -> (DMat3, DMat3) {
     let (a, b, c) = coefficients(u.length_squared());

@@ -243,7 +243,7 @@ fn a_turning_surface_drags_a_patch_along() {
     let end = model.wrench(&at_rest).torque.z;
     model.advance(0.005);
     assert_eq!(model.wrench(&at_rest).torque.z, end);
-    let most = 1000.0 * 0.01 * 0.01 * 2.0 * (LinearContactModel::LONGEST_MOTION * 2.0 / 2.0).sin();
+    let most = 1000.0 * 0.01 * 0.01 * 2.0 * (LinearContactModel::MAX_SURFACE_MOTION * 2.0 / 2.0).sin();
     assert!((end - most).abs() < 1e-9, "{end} {most}");
 }
 

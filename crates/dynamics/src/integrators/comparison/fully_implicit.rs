@@ -22,11 +22,11 @@ use crate::step::{Frame, Step, carried_momentum};
 /// J_l(h ω) ∂ω. Contacts are looked at anew in each iterate.
 ///
 /// Newton steps are shortened until the simplified Newton step that follows is shorter than the last (the
-/// natural monotonicity test of P. Deuflhard, *Newton Methods for Nonlinear Problems*, 2004, §3.3), which does
-/// not depend on units. A damper acts at once when its contact closes, so that there may be no solution with a
-/// contact or without; contacts that are open at the start and that the iteration flipped are then left to the
-/// next step, as the semi-implicit step leaves them, and the iteration is run once more. If that does not
-/// converge either, the step is the semi-implicit one, with
+/// natural monotonicity test of P. Deuflhard, *Newton Methods for Nonlinear Problems*, 2004, §3.3), which
+/// does not depend on units. A damper acts at once when its contact closes, so that there may be no solution
+/// with a contact or without; contacts that are open at the start and that the iteration flipped are then
+/// left to the next step, as the semi-implicit step leaves them, and the iteration is run once more. If that
+/// does not converge either, the step is the semi-implicit one, with
 /// [`StepStatus::unconverged`](crate::StepStatus::unconverged) set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FullyImplicit {
