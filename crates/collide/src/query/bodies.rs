@@ -15,8 +15,8 @@ use crate::convex::{Distance, Hull, Limits, Separation, Start, gjk};
 use crate::shape::{Packed, Shape};
 use crate::tolerances::{PRECISION, ROUNDING_SLACK};
 
-/// Largest number of points of a hull that is tested above the leaves. Larger ones are split at once: they belong
-/// to the upper free levels, where hulls nearly always overlap and a support point costs more than the
+/// Largest number of points of a hull that is tested above the leaves. Larger ones are split at once: they
+/// belong to the upper free levels, where hulls nearly always overlap and a support point costs more than the
 /// spheres of their children.
 const HULL_TEST_POINTS: usize = 256;
 
@@ -95,8 +95,8 @@ impl Bodies {
     pub fn decide(&self, pair: &mut Pair, context: &Context, patch_query: &mut PatchQuery) -> Decision {
         let nodes = self.nodes(pair);
         pair.out_of_reach = false;
-        // A split pair whose spheres have come apart is joined later, when the descent leaves it, if its hulls stay
-        // out of reach for long enough.
+        // A split pair whose spheres have come apart is joined later, when the descent leaves it, if its
+        // hulls stay out of reach for long enough.
         if !pair.split && spheres_are_apart(&nodes, pair, context) {
             return Decision::Stop;
         }
@@ -122,7 +122,8 @@ impl Bodies {
                 Decision::Split
             }
             Refine::Depends => {
-                // With a warm start the patches are searched at once, which also decides whether they are in reach.
+                // With a warm start the patches are searched at once, which also decides whether they are in
+                // reach.
                 let warm = !pair.warm_start.vertices(true).is_empty();
                 if !warm && self.is_apart(pair, context, patch_query) {
                     Decision::Stop
@@ -133,8 +134,8 @@ impl Bodies {
         }
     }
 
-    /// Finds the contacts of a pair and leaves them in `patch_query`. If the examination `decides` whether the pair is
-    /// split, and finer pairs have all of its contact, there are none.
+    /// Finds the contacts of a pair and leaves them in `patch_query`. If the examination `decides` whether
+    /// the pair is split, and finer pairs have all of its contact, there are none.
     pub fn examine(
         &self,
         pair: &mut Pair,
@@ -186,9 +187,9 @@ impl Bodies {
         context: &Context,
     ) -> f64 {
         let all_refined = pair.refined_share == 1.0;
-        // Hulls apart by at least `lower` stay beyond the tolerance, and overlapping hulls keep overlapping until
-        // they have moved by the depth of the simplex around the origin. Nearest points within the tolerance change
-        // with every motion.
+        // Hulls apart by at least `lower` stay beyond the tolerance, and overlapping hulls keep overlapping
+        // until they have moved by the depth of the simplex around the origin. Nearest points within the
+        // tolerance change with every motion.
         let relation_valid = match (beyond, all_refined) {
             (true, _) => found.lower - context.settings.tolerance,
             (false, true) => found.simplex.depth(),
@@ -230,8 +231,8 @@ impl Bodies {
         })
     }
 
-    /// Tests whether the bounding hulls of a pair are out of reach. Stores in the pair the motion bound until which the
-    /// answer is valid.
+    /// Tests whether the bounding hulls of a pair are out of reach. Stores in the pair the motion bound until
+    /// which the answer is valid.
     pub fn is_apart(&self, pair: &mut Pair, context: &Context, patch_query: &mut PatchQuery) -> bool {
         let (hull_a, hull_b) = (self.probe.hull(pair.a), self.scene.hull(pair.b));
         let nodes = self.nodes(pair);
@@ -294,8 +295,8 @@ fn reach([a, b]: &[Packed; 2], context: &Context) -> f64 {
     context.settings.tolerance + a.hausdorff + b.hausdorff
 }
 
-/// Tests whether the bounding spheres of a pair's nodes are out of reach: |c_a − c_b| − r_a − r_b > d. If so, stores
-/// in the pair the motion bound until which they are.
+/// Tests whether the bounding spheres of a pair's nodes are out of reach: |c_a − c_b| − r_a − r_b > d. If so,
+/// stores in the pair the motion bound until which they are.
 fn spheres_are_apart([a, b]: &[Packed; 2], pair: &mut Pair, context: &Context) -> bool {
     let distance = a.center.distance(context.placement.point(b.center));
     let gap = distance * (1.0 - ROUNDING_SLACK)
@@ -309,8 +310,8 @@ fn spheres_are_apart([a, b]: &[Packed; 2], pair: &mut Pair, context: &Context) -
     gap > 0.0
 }
 
-/// Tests whether the cached separating axis still separates a pair's hulls. If so, stores in the pair the motion
-/// bound until which it does.
+/// Tests whether the cached separating axis still separates a pair's hulls. If so, stores in the pair the
+/// motion bound until which it does.
 fn are_still_apart(nodes: &[Packed; 2], pair: &mut Pair, context: &Context) -> bool {
     let Some(axis) = pair.separating_axis.filter(|_| !pair.split) else { return false };
     // With another threshold, a pair whose patches are apart may have to be split.

@@ -1,13 +1,13 @@
 //! The traversal of the front (§3.4.2): from the roots down to the pairs that are due for a test, splitting
 //! and joining pairs on the way.
 //!
-//! A pair is due when the motion bound has reached the one stored with it, and each inner pair stores the smallest of
-//! those below it: parts of the tree that are far apart cost nothing. Pairs that may have contacts go to
-//! a [`Sink`], which examines them at once or later.
+//! A pair is due when the motion bound has reached the one stored with it, and each inner pair stores the
+//! smallest of those below it: parts of the tree that are far apart cost nothing. Pairs that may have
+//! contacts go to a [`Sink`], which examines them at once or later.
 //!
-//! Invariants: a pair on the front is not due before its `recheck_at`; a split pair is entered again when a pair below
-//! it is due or its split may no longer be right; after all below it were tested, it is *left*, which updates its
-//! `recheck_at` or joins the pairs below it.
+//! Invariants: a pair on the front is not due before its `recheck_at`; a split pair is entered again when a
+//! pair below it is due or its split may no longer be right; after all below it were tested, it is *left*,
+//! which updates its `recheck_at` or joins the pairs below it.
 
 use palpate_core::Clod;
 
@@ -17,9 +17,9 @@ use super::front::{Front, Pair};
 use super::outcome::QueryOutcome;
 use super::patch_query::PatchQuery;
 
-/// Smallest validity of an answer for which pairs are joined, as a fraction of the radii of the nodes that they were
-/// split from. The larger, the more pairs are kept; the smaller, the more often pairs are joined and split
-/// again.
+/// Smallest validity of an answer for which pairs are joined, as a fraction of the radii of the nodes that
+/// they were split from. The larger, the more pairs are kept; the smaller, the more often pairs are joined
+/// and split again.
 const JOIN_MARGIN: f64 = 0.05;
 
 /// Flag of a pair on the stack below which all pairs have been tested.
@@ -27,8 +27,8 @@ const LEAVE: u32 = 1 << 31;
 
 /// Receiver of the pairs that may have contacts.
 pub(crate) trait Sink {
-    /// Whether pairs are examined after the descent. The descent then does not leave the pairs that it has split,
-    /// since pairs below may still be due; [`Descent::leave_all`] does.
+    /// Whether pairs are examined after the descent. The descent then does not leave the pairs that it has
+    /// split, since pairs below may still be due; [`Descent::leave_all`] does.
     const DEFERS: bool;
 
     /// Examines a pair, now or later, and reports its contacts with a weight. `decision` is
@@ -57,7 +57,8 @@ pub(crate) struct Descent {
 }
 
 impl Descent {
-    /// Makes the descent of two bodies, with room for a number of pairs at first and for at most `limit` in the front.
+    /// Makes the descent of two bodies, with room for a number of pairs at first and for at most `limit` in
+    /// the front.
     pub fn new(bodies: Bodies, pairs: usize, limit: usize) -> Self {
         let width = bodies.probe.path_width() + bodies.scene.path_width() + 1;
         Self {
@@ -141,8 +142,8 @@ impl Descent {
         }
     }
 
-    /// Tests a pair if it is due, and splits it if it has to be refined. If it is split, returns the share of its
-    /// contact that is left to the pairs below it.
+    /// Tests a pair if it is due, and splits it if it has to be refined. If it is split, returns the share of
+    /// its contact that is left to the pairs below it.
     pub fn enter<S: Sink>(&mut self, slot: u32, weight: f64, sink: &mut S, context: &Context) -> Option<f64> {
         if self.front.is_valid(slot, &context.now) {
             return None;
@@ -186,9 +187,9 @@ impl Descent {
         }
     }
 
-    /// Leaves a split pair, after all below it have been tested. It is due again with the first of them, or when its
-    /// split may no longer be right: recheck_at = min(min of the children's, split_valid_until). If none of them is
-    /// split and the pair itself has come out of reach, they are joined.
+    /// Leaves a split pair, after all below it have been tested. It is due again with the first of them, or
+    /// when its split may no longer be right: recheck_at = min(min of the children's, split_valid_until). If
+    /// none of them is split and the pair itself has come out of reach, they are joined.
     fn leave(&mut self, slot: u32, context: &Context) {
         let (mut recheck_at, mut all_on_front) = (f64::INFINITY, true);
         for child in self.front.below(slot) {
@@ -206,8 +207,8 @@ impl Descent {
         self.front.set_recheck_at(slot, recheck_at);
     }
 
-    /// Joins the pairs below one that is not due until `recheck_at`, if that is far enough ahead and its bounding
-    /// hulls are out of reach.
+    /// Joins the pairs below one that is not due until `recheck_at`, if that is far enough ahead and its
+    /// bounding hulls are out of reach.
     fn join(&mut self, slot: u32, recheck_at: f64, context: &Context) -> bool {
         let pair = self.front.get(slot);
         if recheck_at <= context.now.motion_bound + JOIN_MARGIN * self.bodies.radii(&pair) {

@@ -1,16 +1,16 @@
 //! The bounding volume test tree (§3.4.2) down to its front, kept between queries.
 //!
 //! A pair of nodes is either on the front, or has been split into pairs with the children of one of its
-//! nodes. The answer of each is stored with the value of the [motion bound](crate::motion::Motion::bound) up
-//! to which it holds: what separates two hulls, beyond what would matter, is used up by motion alone. A pair
-//! that was split is due for a recheck as soon as one below it is, so that a query goes down to those that
-//! are due only.
+//! nodes. Each pair's answer is stored with the value of the [motion bound](crate::motion::Motion::bound) up
+//! to which it is valid: hulls that are apart by a margin stay so until the bodies have moved by the margin.
+//! A split pair is due for a recheck as soon as one below it is, so that a query descends only to pairs that
+//! are due.
 
 use super::context::Progress;
 use super::separating_axis::SeparatingAxis;
 use crate::convex::Distance;
 
-/// Index of a pair that is not there.
+/// Index that stands for no pair.
 const NO_PAIR: u32 = u32::MAX;
 
 /// A pair of nodes with the results of its last test. Motion bounds are in m.
@@ -87,8 +87,8 @@ impl Pair {
     }
 }
 
-/// The part of a pair that a query reads while its answer is valid. It is stored apart from the rest, so that many
-/// fit into a cache line.
+/// The part of a pair that a query reads while its answer is valid. It is stored apart from the rest, so that
+/// many fit into a cache line.
 #[derive(Clone, Copy, Debug)]
 struct Link {
     recheck_at: f64,
