@@ -1,18 +1,18 @@
-//! Blends one contact model into the next, so that its arrival makes no step in force (design of the
+//! Blending of one contact model into the next, so that a new model makes no step in force (design of the
 //! multirate loop, §5.1.2).
 //!
-//! For a time after a model has arrived, the body feels both, the old one with the share 1 − w of its gains
-//! and the new one with w, which grows from step to step. Both are unilateral and extrapolate with the body's
-//! motion, so that at no time anything attracts or is stiffer than the stiffer of the two. Friction is [taken
-//! over](LinearContactModel::take_over_friction) at once, with the same wrench. A model that arrives
-//! meanwhile waits, or gives way to a newer one.
+//! For a time after a model has arrived, the body feels both: the old one with the share 1 − w of its gains
+//! and the new one with w, which grows from step to step. Both are unilateral and follow the body's motion,
+//! so that no contact ever attracts, and the blend is never stiffer than the stiffer of the two. Friction is
+//! [taken over](LinearContactModel::take_over_friction) at once, with the same wrench. A model that arrives
+//! during a blend waits, or is replaced by a newer one.
 
 use palpate_core::Pose;
 
 use crate::body::BodyState;
 use crate::contact::LinearContactModel;
 
-/// The contacts of a haptic loop, between the models that arrive.
+/// The contacts of a haptic loop, blended from the models that arrive.
 #[derive(Clone, Debug)]
 pub struct ContactBlend {
     /// Contacts that the body feels.
@@ -20,11 +20,12 @@ pub struct ContactBlend {
     /// Models before and after, while one blends into the other.
     outgoing: LinearContactModel,
     incoming: LinearContactModel,
-    /// Model that has arrived meanwhile, and the time that its blend takes, s.
+    /// Model that has arrived during the blend, and the duration of its own blend, s.
     waiting: LinearContactModel,
     waiting_duration: Option<f64>,
-    /// Time since the blend began, and its whole length, s: 0 when there is none.
+    /// Time since the blend began, s.
     elapsed: f64,
+    /// Duration of the blend, s; 0 if there is none.
     duration: f64,
 }
 
@@ -35,8 +36,8 @@ impl Default for ContactBlend {
 }
 
 impl ContactBlend {
-    /// Longest time, s, that a blend should take: with longer ones contacts are felt late.
-    pub const LONGEST: f64 = 5e-3;
+    /// Longest duration of a blend, s. With longer ones contacts are felt late.
+    pub const MAX_DURATION: f64 = 5e-3;
 
     /// A blend without contacts.
     pub const fn new() -> Self {
@@ -57,11 +58,11 @@ impl ContactBlend {
         &self.felt
     }
 
-    /// Takes a model that has arrived, with the body at `state`. It is all that is felt `duration` (s) later,
-    /// or at once if that is not positive; it waits for the end of a blend under way. Its surfaces are those
-    /// of `age` (s) ago, and are moved on by that if it is a number.
+    /// Takes a model that has arrived, with the body at `state`. It is blended in over `duration` (s), or at
+    /// once if that is not positive; during a blend it waits for the end of it. Its surfaces are those of
+    /// `age` (s) ago and are advanced by that, unless it is NaN.
     pub fn arrive(&mut self, model: &LinearContactModel, state: &BodyState, age: f64, duration: f64) {
-        if self.is_going_over() {
+        if self.is_blending() {
             self.waiting.assign(model);
             self.waiting.advance(age);
             self.waiting_duration = Some(duration);
@@ -72,10 +73,10 @@ impl ContactBlend {
         }
     }
 
-    /// Lets friction yield where it does not hold, moves surfaces on, and shifts the share to the new model.
-    /// To be called before each step of `dt` (s), with the state at its start.
+    /// Lets friction yield at its limit, advances surfaces, and shifts the share to the new model.
+    /// Called before each step of `dt` (s), with the state at its start.
     pub fn advance(&mut self, state: &BodyState, dt: f64) {
-        if !self.is_going_over() {
+        if !self.is_blending() {
             self.felt.settle(state);
             self.felt.advance(dt);
             return;
@@ -86,7 +87,7 @@ impl ContactBlend {
         }
         self.waiting.advance(dt);
         self.elapsed += dt;
-        if self.is_going_over() {
+        if self.is_blending() {
             self.mix();
             return;
         }
@@ -98,22 +99,24 @@ impl ContactBlend {
         }
     }
 
-    fn is_going_over(&self) -> bool {
+    fn is_blending(&self) -> bool {
         self.elapsed < self.duration
     }
 
-    /// Lets the incoming model become all that is felt.
+    /// Starts to blend the incoming model in.
     fn start(&mut self, state: &BodyState, duration: f64) {
         self.incoming.take_over_friction(&self.felt, state);
         (self.elapsed, self.duration) = (0.0, duration);
-        if self.is_going_over() {
-            // The incoming one has no share yet: what is felt stays as it is until the next step.
+        if self.is_blending() {
+            // The incoming model has no share yet: the felt contacts do not change until the next step.
             self.outgoing.assign(&self.felt);
         } else {
             self.felt.assign(&self.incoming);
         }
     }
 
+    /// Combines the models: gains w of the incoming one and 1 − w of the outgoing one, with w = elapsed /
+    /// duration.
     fn mix(&mut self) {
         let share = self.elapsed / self.duration;
         self.felt.assign(&self.incoming);
@@ -158,8 +161,8 @@ mod tests {
         (*a - *b).force.length() + 10.0 * (*a - *b).torque.length()
     }
 
-    /// Models arrive at random: on a body at rest the wrench goes to each in steps no larger than the part of
-    /// the way that one step is, and is that of the last one in the end.
+    /// Models arrive at random: on a body at rest the wrench changes to that of each in equal steps at most,
+    /// and is that of the last one in the end.
     #[test]
     fn no_model_arrives_with_a_step() {
         let seed = 71;
@@ -226,7 +229,7 @@ mod tests {
         model
     }
 
-    /// Half way from one full model to another, the body feels half of each.
+    /// Halfway from one full model to another, the body feels half of each.
     #[test]
     fn two_full_models_blend_without_loss() {
         let mut rng = StdRng::seed_from_u64(73);

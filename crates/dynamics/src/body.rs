@@ -1,9 +1,9 @@
-//! The grasped rigid body: its inertia, and where and how it moves (§5.2.1).
+//! The grasped rigid body: its inertia, pose and twist (§5.2.1).
 
 use glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist};
 
-/// Why a body was refused.
+/// Reason why a body was refused.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum BodyError {
     /// The mass is not a positive finite number.
@@ -38,7 +38,7 @@ pub enum BodyError {
         /// Principal moments in ascending order, kg·m².
         moments: DVec3,
     },
-    /// A principal moment exceeds the sum of the other two, which no distribution of mass has.
+    /// A principal moment exceeds the sum of the other two, which is impossible for a distribution of mass.
     #[error(
         "body inertia has principal moments {moments} kg·m²; the largest exceeds the sum of the others, so it is no \
          body's inertia (is it about the centre of mass, in one unit?)"
@@ -59,9 +59,13 @@ pub struct Body {
     pub inertia: DMat3,
 }
 
-/// Relative slack of the symmetry and triangle conditions: a flat plate and a thin rod lie on the triangle
-/// condition's boundary, and integrals over a mesh round.
+/// Relative slack of the symmetry and triangle conditions. A flat plate and a thin rod lie on the boundary of
+/// the triangle condition; with less slack, rounding of integrals over their meshes gets them refused.
 const INERTIA_SLACK: f64 = 1e-6;
+
+/// Smallest principal moment relative to the largest. With less, the inverse of the inertia is mostly
+/// rounding.
+const MIN_MOMENT_RATIO: f64 = 1e-12;
 
 impl Body {
     /// A body of the given mass (kg) and inertia about its centre of mass in body axes (kg·m²).
@@ -84,7 +88,7 @@ impl Body {
         }
         let inertia = (inertia + inertia.transpose()) * 0.5;
         let moments = principal_moments(&inertia);
-        if moments.x.is_nan() || moments.x <= 1e-12 * moments.z {
+        if moments.x.is_nan() || moments.x <= MIN_MOMENT_RATIO * moments.z {
             return Err(BodyError::NotPositive { moments });
         }
         if moments.z > (moments.x + moments.y) * (1.0 + INERTIA_SLACK) {
@@ -98,8 +102,8 @@ impl Body {
         principal_moments(&self.inertia)
     }
 
-    /// The inertia about the body point at `arm` (m, body axes) from the centre of mass: the parallel-axis
-    /// rule, kg·m².
+    /// The inertia about the body point at `arm` (m, body axes) from the centre of mass, kg·m², by the
+    /// parallel-axis rule I + m (‖a‖² − a aᵀ).
     pub fn inertia_about(&self, arm: DVec3) -> DMat3 {
         let square = DMat3::from_cols(arm * arm.x, arm * arm.y, arm * arm.z);
         self.inertia + (DMat3::IDENTITY * arm.length_squared() - square) * self.mass
@@ -126,6 +130,7 @@ pub(crate) fn principal_moments(matrix: &DMat3) -> DVec3 {
         return DVec3::splat(if scale == 0.0 { 0.0 } else { f64::NAN });
     }
     let mut a = (*matrix * (1.0 / scale)).to_cols_array_2d();
+    // Cyclic sweeps converge quadratically, so that the limit is never reached.
     for _ in 0..20 {
         let off = a[0][1].abs() + a[0][2].abs() + a[1][2].abs();
         if off < 1e-300 {
@@ -135,6 +140,8 @@ pub(crate) fn principal_moments(matrix: &DMat3) -> DVec3 {
             if a[p][q] == 0.0 {
                 continue;
             }
+            // The rotation by θ in the plane of p and q with tan 2θ = 2 a_pq / (a_qq − a_pp) makes a_pq zero;
+            // t = tan θ is the root of t² + 2 τ t = 1 with |θ| ≤ 45°.
             let tau = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
             let t = if tau >= 0.0 { 1.0 } else { -1.0 } / (tau.abs() + tau.hypot(1.0));
             let c = 1.0 / t.hypot(1.0);
@@ -166,7 +173,7 @@ pub struct BodyState {
 }
 
 impl BodyState {
-    /// A state without motion.
+    /// A state at rest.
     pub const fn at_rest(pose: Pose) -> Self {
         Self { pose, twist: Twist::ZERO }
     }
@@ -204,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn bodies_that_cannot_exist_are_refused() {
+    fn impossible_bodies_are_refused() {
         let good = DMat3::from_diagonal(DVec3::new(1.0, 2.0, 2.5));
         assert!(Body::new(1.0, good).is_ok());
         for mass in [0.0, -1.0, f64::NAN, f64::INFINITY] {

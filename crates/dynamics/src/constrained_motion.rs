@@ -1,4 +1,4 @@
-//! Motion of a body that contacts constrain, by Gauss' principle of least constraint, as the proxy of six
+//! Motion of a body that contacts constrain, by Gauss' principle of least constraint. The proxy of six
 //! degrees of freedom follows the body by it (§5.6.1; Ortega, Redon and Coquillart, "A six degree-of-freedom
 //! god-object method for haptic display of rigid bodies", 2007).
 
@@ -7,36 +7,39 @@ use palpate_core::Twist;
 
 use crate::body::Body;
 
-/// Largest displacement of a point of the body along a direction.
+/// Limit of the displacement of a point of the body along a direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionLimit {
     /// Unit direction, world axes.
     pub direction: DVec3,
     /// The point, from the centre of mass, world axes, m.
     pub arm: DVec3,
-    /// Largest displacement, m; less than 0 where the point has to come back by as much.
+    /// Largest displacement, m; below 0 if the point has to move back by as much.
     pub room: f64,
 }
 
 impl MotionLimit {
     /// Displacement of the point along the direction by a motion, to first order in its angle, m.
-    pub fn way(&self, motion: &Twist) -> f64 {
+    pub fn displacement(&self, motion: &Twist) -> f64 {
         motion.velocity_at(self.arm).dot(self.direction)
     }
 }
 
-/// Sweeps over the limits, at most.
-const SWEEPS: usize = 256;
+/// Largest number of sweeps over the limits. With fewer, motions along many planes exceed them.
+const MAX_SWEEPS: usize = 256;
 
-/// A sweep that changes the way along no limit by more than this part of the wanted motion is the last.
-const SETTLED: f64 = 1e-6;
+/// Largest change of the displacement along a limit in the last sweep, relative to the wanted motion. With
+/// more, limits are exceeded by about as much.
+const SWEEP_TOLERANCE: f64 = 1e-6;
 
-/// The motion (m and rad: a twist for the time of 1) that goes past no limit, to first order in its angle,
-/// and is nearest to a wanted one for a body at `rotation`: with the least kinetic energy in the difference.
+/// Finds the motion **u** (m and rad: a twist over a time of 1) that exceeds no limit, to first order in its
+/// angle, and is nearest to a wanted one for a body at `rotation`:
 ///
-/// Found by projected Gauss–Seidel sweeps over the limits' multipliers, of which there must be as many as
-/// limits; those that are above zero on return belong to the limits that bind. Where sweeps run out, limits
-/// are kept approximately.
+/// min ½ (**u** − **u**_w)ᵀ M (**u** − **u**_w) with Jᵢ **u** ≤ roomᵢ, Jᵢ = (**n**ᵢ, **a**ᵢ × **n**ᵢ).
+///
+/// Its conditions are **u** = **u**_w − M⁻¹ Σ Jᵢᵀ λᵢ with λᵢ ≥ 0, and λᵢ = 0 unless limit i binds. They are
+/// solved by projected Gauss–Seidel sweeps over the multipliers λ, of which there must be as many as limits.
+/// If the sweeps run out, limits are kept approximately.
 pub fn constrained_motion(
     body: &Body,
     rotation: &DMat3,
@@ -47,16 +50,17 @@ pub fn constrained_motion(
     let mobility = *rotation * body.inertia.inverse() * rotation.transpose();
     let mut motion = *wanted;
     multipliers.fill(0.0);
-    let size = limits
-        .iter()
-        .fold(wanted.linear.length(), |most, limit| most.max(limit.way(wanted).abs()).max(-limit.room));
-    for _ in 0..SWEEPS {
+    let size = limits.iter().fold(wanted.linear.length(), |most, limit| {
+        most.max(limit.displacement(wanted).abs()).max(-limit.room)
+    });
+    for _ in 0..MAX_SWEEPS {
         let mut change: f64 = 0.0;
         for (limit, multiplier) in limits.iter().zip(&mut *multipliers) {
-            let excess = limit.way(&motion) - limit.room;
+            let excess = limit.displacement(&motion) - limit.room;
             if excess <= 0.0 && *multiplier == 0.0 {
                 continue;
             }
+            // Δλ = max(excess / (J M⁻¹ Jᵀ), −λ) and **u** −= M⁻¹ Jᵀ Δλ.
             let moment = limit.arm.cross(limit.direction);
             let turn = mobility * moment;
             let compliance = 1.0 / body.mass + moment.dot(turn);
@@ -66,7 +70,7 @@ pub fn constrained_motion(
             motion.angular -= turn * step;
             change = change.max((step * compliance).abs());
         }
-        if change <= SETTLED * size {
+        if change <= SWEEP_TOLERANCE * size {
             break;
         }
     }
@@ -112,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn body_comes_back_from_what_it_is_past() {
+    fn body_moves_back_behind_a_limit_that_it_has_passed() {
         let limits = [(DVec3::NEG_Z, -2e-3), (DVec3::X, 1e-3)].map(|(direction, room)| MotionLimit {
             direction,
             arm: DVec3::ZERO,
@@ -125,10 +129,10 @@ mod tests {
         assert!(multipliers[0] > 0.0 && multipliers[1] == 0.0);
     }
 
-    /// The conditions of the least: limits are kept, multipliers are positive where they bind and zero
-    /// elsewhere, and the momentum of the difference is what the multipliers make of their directions.
+    /// The optimality conditions: limits are kept, multipliers are positive for limits that bind and zero for
+    /// others, and M (u_w − u) = Σ Jᵀ λ.
     #[test]
-    fn conditions_of_the_least_hold() {
+    fn optimality_conditions_hold() {
         let seed = 12;
         let mut rng = StdRng::seed_from_u64(seed);
         let mut binding = 0;
@@ -147,7 +151,7 @@ mod tests {
             let motion = constrained_motion(&body, &rotation, &wanted, &limits, &mut multipliers);
             let mut momentum = (DVec3::ZERO, DVec3::ZERO);
             for (limit, &multiplier) in limits.iter().zip(&multipliers) {
-                let left = limit.room - limit.way(&motion);
+                let left = limit.room - limit.displacement(&motion);
                 assert!(left > -2e-5, "seed {seed}, case {case}: {left} m past a limit");
                 assert!(multiplier >= 0.0);
                 assert!(multiplier == 0.0 || left < 2e-5, "seed {seed}, case {case}: pushed {left} m early");

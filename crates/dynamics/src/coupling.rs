@@ -4,16 +4,16 @@
 //!
 //! - F_c = k_c (x_h − x − a) + b_c (v_h − v − ω × a)          (Eq. 5.15),
 //! - T_c = a × F_c + k_θ u_c + b_θ (ω_h − ω)                  (Eq. 5.16),
-//! - u_c the rotation vector of the short way round from the grasp frame R q_c to the device frame (Eq.
+//! - u_c is the rotation vector of the shorter rotation from the grasp frame R q_c to the device frame (Eq.
 //!   5.17–5.19).
 //!
 //! Departures: Eq. 5.15 prints the lever arm in body axes; Eq. 5.18 lacks a normalisation; the derivatives
-//! are by rotation vector, not quaternion, and Eq. 5.25 gives way to −J_r⁻¹(u_c) (see the crate's `rotation`
+//! are by rotation vector, not quaternion, and −J_r⁻¹(u_c) replaces Eq. 5.25 (see the crate's `rotation`
 //! module). Both springs may saturate (Eq. 5.30–5.31); the dampers do not.
 //!
-//! At ‖u_c‖ = π the short way round changes sides, and a spring's torque with it. So the angular spring fades
-//! from 150° and exerts nothing at 180° ([`angular_spring_torque`](crate::angular_spring_torque)): the torque
-//! is continuous through a half turn, beyond which the body is drawn on to the next whole turn.
+//! At ‖u_c‖ = π the shorter rotation changes direction, and so would a spring's torque. So the angular spring
+//! fades from 150° on and exerts nothing at 180° ([`angular_spring_torque`](crate::angular_spring_torque)):
+//! the torque is continuous through a half turn, beyond which the body is drawn to the next whole turn.
 
 use glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
@@ -33,7 +33,7 @@ pub struct DeviceMotion {
 }
 
 impl DeviceMotion {
-    /// A device that does not move.
+    /// A device at rest.
     pub const fn at_rest(pose: Pose) -> Self {
         Self { pose, twist: Twist::ZERO }
     }
@@ -44,7 +44,7 @@ impl DeviceMotion {
     }
 }
 
-/// Gains of the virtual coupling and where it holds the body.
+/// Gains and grasp frame of the virtual coupling.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VirtualCoupling {
     /// k_c, N/m.
@@ -75,32 +75,32 @@ pub struct CouplingResponse {
     pub jacobian: WrenchJacobian,
 }
 
-/// The coupling's wrench with what its derivatives are made of, in the two parts that the step treats apart.
+/// The coupling's wrench and the terms of its derivatives, in two parts that the step treats differently.
 ///
-/// Stiffness and damping have a negative semidefinite symmetric part; they are those of a spring and damper
-/// that resist motion of the point at `arm` in all directions alike, less the `softening`, and those of the
-/// angular ones.
+/// Stiffness and damping have a negative semidefinite symmetric part. They are those of a spring and damper
+/// that resist motion of the point at `arm` in all directions alike, of the `softening` along the deviation,
+/// and of the angular spring and damper. The geometric part is indefinite.
 pub(crate) struct CouplingLinearisation {
     pub on_body: Wrench,
     pub arm: DVec3,
-    /// N/m.
+    /// Secant stiffness of the spring, N/m.
     pub stiffness: f64,
-    /// N·s/m.
+    /// Damping, N·s/m.
     pub damping: f64,
-    /// Stiffness that the spring has more along its deviation, N/m (negative, and zero where it is linear),
-    /// and that direction.
+    /// Tangent minus secant stiffness of the spring along its deviation, N/m (negative, or zero while
+    /// linear), and that direction.
     pub softening: (f64, DVec3),
     /// Stiffness of the couple against φ, N·m/rad.
     pub angular_stiffness: DMat3,
-    /// N·m·s/rad.
+    /// Angular damping, N·m·s/rad.
     pub angular_damping: f64,
-    /// By φ alone: from the turning of the lever arm under a constant force and velocity, and the negative
-    /// stiffness of an angular spring that fades (force, torque). Indefinite.
+    /// Derivatives (force, torque) by φ alone: from the turning of the lever arm under a constant force and
+    /// velocity, and the negative stiffness of an angular spring that fades.
     pub geometric: (DMat3, DMat3),
 }
 
 impl CouplingLinearisation {
-    /// The derivatives by stiffness and damping.
+    /// The derivatives by the stiffness and damping part.
     fn material(&self) -> WrenchJacobian {
         let at_arm = |gain: f64| {
             let arm = skew(self.arm) * gain;
@@ -123,9 +123,9 @@ impl CouplingLinearisation {
 
     /// Change of the springs' wrench when the body moves by a small displacement (m, rad).
     pub fn drift(&self, displacement: &Twist) -> Wrench {
-        let way = displacement.velocity_at(self.arm);
+        let moved = displacement.velocity_at(self.arm);
         let (softening, axis) = self.softening;
-        let force = way * -self.stiffness - axis * (softening * axis.dot(way));
+        let force = moved * -self.stiffness - axis * (softening * axis.dot(moved));
         Wrench { force, torque: self.arm.cross(force) - self.angular_stiffness * displacement.angular }
     }
 }
@@ -141,15 +141,15 @@ struct Deviation {
 }
 
 impl VirtualCoupling {
-    /// A coupling of the given stiffnesses (N/m, N·m/rad), damped critically for `body` held at `grasp`, with
-    /// springs that do not saturate.
+    /// Makes a coupling with the given stiffnesses (N/m, N·m/rad), damped critically for `body` held at
+    /// `grasp`, with springs that do not saturate.
     ///
-    /// b_c = 2 √(k_c m (1 + ρ)); b_θ = 2 √(k_θ J (1 + ρ)) with J the largest principal moment of inertia
-    /// about the grasp point, for that is where the linear spring holds the body, and ρ = a √(m/J) for a
-    /// grasp point at a from the centre of mass. Held at the centre of mass (ρ = 0) the translation is damped
-    /// critically, and so is the slowest rotation; the others are overdamped. Held elsewhere, translation and
-    /// rotation swing together: their masses are no larger than those of two separate motions 1 + ρ times as
-    /// heavy, ρ < 1. No mode of a rod held anywhere is damped less than 0.9 of critically then, against 0.72
+    /// b_c = 2 √(k_c m (1 + ρ)) and b_θ = 2 √(k_θ J (1 + ρ)), where J is the largest principal moment of
+    /// inertia about the grasp point, where the linear spring holds the body, and ρ = a √(m/J) for a grasp
+    /// point at the distance a from the centre of mass. Held at the centre of mass (ρ = 0), the translation
+    /// and the slowest rotation are damped critically, the other rotations more. Held elsewhere, translation
+    /// and rotation are coupled: their masses are no larger than those of two separate motions 1 + ρ times as
+    /// heavy, ρ < 1. Then no mode of a rod held anywhere is damped below 0.9 of critical, against 0.72
     /// without the factor (the test `no_mode_of_a_rod_is_underdamped`).
     pub fn critically_damped(
         body: &Body,
@@ -170,13 +170,13 @@ impl VirtualCoupling {
         }
     }
 
-    /// The grasp frame that holds a body at `body` by a device at `device`, each in the world (§5.3.1, Fig.
-    /// 5.3a).
+    /// The grasp frame with which a device at `device` holds a body at `body`, each in the world (§5.3.1,
+    /// Fig. 5.3a).
     pub fn grasp_at(body: &Pose, device: &Pose) -> Pose {
         body.inverse() * *device
     }
 
-    /// The body's placement in which the coupling is relaxed for a device at `device`.
+    /// The body's placement at which the coupling is relaxed for a device at `device`.
     pub fn relaxed_pose(&self, device: &Pose) -> Pose {
         *device * self.grasp.inverse()
     }
@@ -190,7 +190,7 @@ impl VirtualCoupling {
         )
     }
 
-    /// F_c, T_c, the reaction on the device, and the derivatives (§5.3.2 as corrected).
+    /// F_c, T_c, the reaction on the device, and the derivatives (§5.3.2, corrected).
     pub fn evaluate(&self, state: &BodyState, device: &DeviceMotion) -> CouplingResponse {
         let (on_body, on_device) = self.wrenches(state, device);
         let parts = self.linearise(state, device);
@@ -200,7 +200,7 @@ impl VirtualCoupling {
         CouplingResponse { on_body, on_device, jacobian }
     }
 
-    /// Energy held in the two springs, J.
+    /// Energy stored in the two springs, J.
     pub fn potential_energy(&self, state: &BodyState, device: &DeviceMotion) -> f64 {
         let d = self.deviation(state, device);
         spring_energy(self.linear_stiffness, d.offset.length(), self.max_force)
@@ -223,14 +223,15 @@ impl VirtualCoupling {
     #[inline(always)]
     pub(crate) fn linearise(&self, state: &BodyState, device: &DeviceMotion) -> CouplingLinearisation {
         let d = self.deviation(state, device);
-        // The tangent stiffness is secant · 1 + softening · û ûᵀ, û along the deviation.
+        // The tangent stiffness is secant · 1 + softening · û ûᵀ with û along the deviation.
         let (stiffness, softening, along) =
             tangent_stiffness(self.linear_stiffness, d.offset, self.max_force);
         // Likewise S_θ J_r⁻¹, where ûᵀ J_r⁻¹ = ûᵀ.
         let (secant, angular_softening, axis) =
             angular_tangent_stiffness(self.angular_stiffness, d.turn, self.max_torque);
         let mut angular_stiffness = inverse_right_jacobian(d.turn) * secant;
-        // Where the spring fades its slope is negative: that part is not semidefinite.
+        // A spring that fades has a negative slope: that part is not semidefinite and goes to the geometric
+        // one.
         let falling = (secant + angular_softening).min(0.0);
         let mut faded = DMat3::ZERO;
         if angular_softening != 0.0 {
@@ -247,7 +248,8 @@ impl VirtualCoupling {
             softening: (softening, along),
             angular_stiffness,
             angular_damping: self.angular_damping,
-            // By a turn φ, with a = R c, beside the springs (Eq. 5.24): a* ∂F_c/∂φ − F_c* ∂a/∂φ, where ∂a/∂φ = −a*.
+            // Eq. 5.24 by a turn φ, with a = R c, without the springs: a* ∂F_c/∂φ − F_c* ∂a/∂φ, where ∂a/∂φ =
+            // −a*.
             geometric: (swept, cross_columns(d.arm, &swept) + skew_skew(d.force, d.arm) - faded),
         }
     }
@@ -278,8 +280,8 @@ fn angular_spring(stiffness: f64, turn: DVec3, limit: f64) -> DVec3 {
     turn * (angular_spring_torque(stiffness, angle, limit).0 / angle)
 }
 
-/// Eq. 5.31: the derivative of [`spring`] by the deviation is f′ along it and f/ρ across it, returned as the
-/// f/ρ that is in all directions, what f′ is more than that, and the direction.
+/// Tangent stiffness of [`spring`] (Eq. 5.31): f′ along the deviation ρ and f/ρ across it. Returns the secant
+/// f/ρ, which acts in all directions, the softening f′ − f/ρ, and the deviation's direction.
 fn tangent_stiffness(stiffness: f64, deviation: DVec3, limit: f64) -> (f64, f64, DVec3) {
     if limit == f64::INFINITY {
         return (stiffness, 0.0, DVec3::ZERO);
@@ -288,7 +290,7 @@ fn tangent_stiffness(stiffness: f64, deviation: DVec3, limit: f64) -> (f64, f64,
     tangent(spring_force(stiffness, length, limit), length, deviation)
 }
 
-/// The same of [`angular_spring`], by the rotation vector.
+/// Tangent stiffness of [`angular_spring`] by the rotation vector, likewise.
 fn angular_tangent_stiffness(stiffness: f64, turn: DVec3, limit: f64) -> (f64, f64, DVec3) {
     let angle = turn.length();
     tangent(angular_spring_torque(stiffness, angle, limit), angle, turn)

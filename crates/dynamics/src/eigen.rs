@@ -1,27 +1,29 @@
-//! Eigenvalues of symmetric matrices of six rows.
+//! Eigenvalues of symmetric 6×6 matrices.
 
 pub(crate) type Matrix6 = [[f64; 6]; 6];
 
-/// Rotations after which such a matrix is diagonal to rounding, at most: it takes some five sweeps of 15.
-const ROTATIONS: usize = 12 * 15;
+/// Largest number of Jacobi rotations: a matrix takes some five sweeps of 15 to be diagonal to rounding.
+const MAX_ROTATIONS: usize = 12 * 15;
 
-/// Eigenvalues, and eigenvectors as columns, of a symmetric matrix, by Jacobi's rotations, the largest entry
-/// first.
+/// Eigenvalues, and eigenvectors as columns, of a symmetric matrix, by Jacobi rotations of the largest
+/// off-diagonal entry.
 pub(crate) fn eigen(mut matrix: Matrix6) -> ([f64; 6], Matrix6) {
     let mut vectors: Matrix6 = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
-    for _ in 0..ROTATIONS {
-        let (mut p, mut q, mut most) = (0, 1, 0.0);
+    for _ in 0..MAX_ROTATIONS {
+        let (mut p, mut q, mut largest) = (0, 1, 0.0);
         for (i, row) in matrix.iter().enumerate() {
             for (j, value) in row.iter().enumerate().skip(i + 1) {
-                if value.abs() > most {
-                    (p, q, most) = (i, j, value.abs());
+                if value.abs() > largest {
+                    (p, q, largest) = (i, j, value.abs());
                 }
             }
         }
         let size = matrix.iter().flatten().fold(0.0_f64, |size, value| size.max(value.abs()));
-        if most <= f64::EPSILON * size {
+        if largest <= f64::EPSILON * size {
             break;
         }
+        // The rotation R by θ in the plane of p and q, tan 2θ = 2 a_pq / (a_qq − a_pp), makes a_pq zero: A ←
+        // Rᵀ A R and V ← V R.
         let angle = 0.5 * (2.0 * matrix[p][q]).atan2(matrix[q][q] - matrix[p][p]);
         let (sin, cos) = angle.sin_cos();
         let turn = |row: &mut [f64; 6]| {
@@ -45,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn eigenvectors_are_orthonormal_and_make_the_matrix() {
+    fn eigenvectors_are_orthonormal_and_diagonalise_the_matrix() {
         let seed = 111;
         let mut rng = StdRng::seed_from_u64(seed);
         for case in 0..300 {

@@ -3,18 +3,18 @@
 //!
 //! One haptic frame is one call of [`semi_implicit_step`]: it takes the body ([`Body`], [`BodyState`]), the
 //! sampled device ([`DeviceMotion`]), the spring between them ([`VirtualCoupling`]) and the latest contacts
-//! ([`LinearContactModel`]), and gives the body's next state and the wrench for the device. The step
-//! allocates nothing, takes no lock, never panics and never gives NaN: what it cannot compute it refuses,
-//! with the state held and a reason in [`StepStatus`].
-//! Other methods take its place as an [`Integrator`]; the feature `integrators` has some to compare with. A tool of two bodies with a
-//! hinge between them takes [`articulated_step`].
+//! ([`LinearContactModel`]), and returns the body's next state and the wrench for the device. The step
+//! allocates nothing, takes no lock, never panics and never returns NaN: if it cannot be computed, the state
+//! is held and [`StepStatus`] has the reason. Other methods implement [`Integrator`]; the feature
+//! `integrators` has some for comparison. A tool of two bodies with a hinge between them is advanced by
+//! [`articulated_step`].
 //!
 //! # Conventions
 //!
-//! Positions are of the body's centre of mass; body axes are the mesh's axes moved to it. All wrenches on the
-//! body are about the centre of mass, in world axes. Orientation increments are right-handed rotation vectors
-//! φ in world axes, R ← exp(φ*) R, so a state has six coordinates to differentiate by, (x, φ), and six
-//! velocities, (v, ω); the dissertation uses a quaternion and momenta, thirteen in all. The test
+//! Positions are those of the body's centre of mass; body axes are the mesh's axes moved to it. All wrenches
+//! on the body are about the centre of mass, in world axes. Orientation increments are right-handed rotation
+//! vectors φ in world axes, R ← exp(φ*) R, so a state has six coordinates to differentiate by, (x, φ), and
+//! six velocities, (v, ω); the dissertation uses a quaternion and momenta, thirteen in all. The test
 //! `thirteen_variables` holds this crate's step against that formulation.
 //!
 //! ```

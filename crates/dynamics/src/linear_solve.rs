@@ -1,10 +1,10 @@
 //! Dense linear systems of a few unknowns, in fixed arrays.
 
-// Rows are worked on whole, also left of the pivot where nothing is read again: loops of constant length take
-// packed instructions and no bounds checks, and cost less than the shorter ones.
+// Whole rows are updated, also left of the pivot where nothing is read again: loops of constant length have
+// packed instructions and no bounds checks, and are faster than shorter ones.
 
-/// The solution of `matrix` · x = `right` by LU factorisation with partial pivoting, or `None` if the matrix
-/// is singular to rounding or holds what is not finite.
+/// Solves `matrix` · x = `right` by LU factorisation with partial pivoting; `None` if the matrix
+/// is singular to rounding or not finite.
 pub(crate) fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> Option<[f64; N]> {
     let mut inverse_pivots = [0.0; N];
     for column in 0..N {
@@ -37,7 +37,7 @@ pub(crate) fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; 
     substitute_back(&matrix, &inverse_pivots, right)
 }
 
-/// The solution of `matrix` · x = `right` by LU factorisation without pivoting, for a matrix whose symmetric
+/// Solves `matrix` · x = `right` by LU factorisation without pivoting, for a matrix whose symmetric
 /// part is positive definite; `None` also if a pivot is not positive.
 #[inline(always)]
 pub(crate) fn solve_definite<const N: usize>(
@@ -48,7 +48,7 @@ pub(crate) fn solve_definite<const N: usize>(
     for column in 0..N {
         let pivot_row = matrix[column];
         let pivot_right = right[column];
-        // Zero for an infinite pivot.
+        // An infinite pivot has the inverse 0, which is refused as well.
         let inverse = 1.0 / pivot_row[column];
         if inverse.is_nan() || inverse <= 0.0 {
             return None;
@@ -65,8 +65,8 @@ pub(crate) fn solve_definite<const N: usize>(
     substitute_back(&matrix, &inverse_pivots, right)
 }
 
-/// The solution of `upper` · x = `right`, of which what is below the diagonal is not read; `None` if it is
-/// not finite.
+/// Solves `upper` · x = `right` without reading entries below the diagonal; `None` if the solution is not
+/// finite.
 #[inline(always)]
 fn substitute_back<const N: usize>(
     upper: &[[f64; N]; N],
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn definiteness_agrees_with_how_the_matrix_was_made() {
+    fn gram_matrices_are_definite_until_a_form_becomes_negative() {
         let seed = 12;
         let mut rng = StdRng::seed_from_u64(seed);
         for case in 0..500 {

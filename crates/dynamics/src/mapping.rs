@@ -2,32 +2,32 @@
 //!
 //! Positions are scaled by s, rotations are not. "Feedback forces must undergo an inverse scaling, to ensure
 //! that the coupling stiffness perceived by the user is the same as the coupling stiffness in the virtual
-//! world": a force is divided by s. What the text does not say is what becomes of torque. It is divided by s²
-//! here, for two reasons that come to the same. A force F/s at a lever arm that is r/s in the hand makes the
-//! torque r × F/s². And the power at the device is then that of the world divided by s², in translation and
-//! rotation alike, so that a passive world stays passive in the hand; with any other factor, energy put in by
-//! turning could be taken out in another amount by moving. Stiffness along the axes is preserved, power and
-//! angular stiffness are divided by s²: the hand feels the world s times smaller, made of springs as stiff.
+//! world": a force is divided by s. The text does not mention torque. It is divided by s² here, for two
+//! equivalent reasons. A force F/s at a lever arm that is r/s in the hand makes the torque r × F/s². And the
+//! power at the device is then that of the world divided by s², in translation and rotation alike, so that a
+//! passive world stays passive in the hand; with any other factor, energy put in by turning could come out in
+//! a different amount by moving. Stiffness along the axes is preserved, power and angular stiffness are
+//! divided by s²: the hand feels the world s times smaller, with springs of the same stiffness.
 
 use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
 
 use crate::coupling::DeviceMotion;
 
-/// Takes the device's motion to the world and wrenches back.
+/// Mapping of the device's motion to the world, and of wrenches back.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DeviceMapping {
-    /// s: how far in the world a metre at the device is. Positive and finite.
+    /// s: distance in the world of a metre at the device. Positive and finite.
     pub scale: f64,
     /// The device's axes and origin in the world.
     pub base: Pose,
-    /// The world handle's orientation in the device handle's axes: the identity but after a re-grasp
-    /// ([`Self::rebased`]).
+    /// The world handle's orientation in the device handle's axes; the identity unless the mapping was
+    /// [rebased](Self::rebased).
     pub handle: DQuat,
 }
 
 impl DeviceMapping {
-    /// The device's axes are the world's.
+    /// A device whose axes are the world's.
     pub const IDENTITY: Self = Self::new(1.0, Pose::IDENTITY);
 
     /// A device whose axes and origin are at `base` in the world, and whose motion is scaled by `scale`.
@@ -35,7 +35,7 @@ impl DeviceMapping {
         Self { scale, base, handle: DQuat::IDENTITY }
     }
 
-    /// The handle's pose in the world for one that the device reports.
+    /// The handle's pose in the world for a pose that the device reports.
     pub fn pose(&self, device: &Pose) -> Pose {
         Pose {
             translation: self.base.transform_point(device.translation * self.scale),
@@ -43,7 +43,7 @@ impl DeviceMapping {
         }
     }
 
-    /// The twist in the world, m/s and rad/s, of one at the device.
+    /// The twist in the world, m/s and rad/s, for a twist of the device.
     pub fn twist(&self, device: &Twist) -> Twist {
         Twist {
             linear: self.base.transform_vector(device.linear * self.scale),
@@ -51,7 +51,7 @@ impl DeviceMapping {
         }
     }
 
-    /// Both.
+    /// Pose and twist in the world for those of the device.
     pub fn motion(&self, device: &DeviceMotion) -> DeviceMotion {
         DeviceMotion { pose: self.pose(&device.pose), twist: self.twist(&device.twist) }
     }
@@ -66,7 +66,7 @@ impl DeviceMapping {
         }
     }
 
-    /// The pose that the device reports for a handle at `world`: undoes [`Self::pose`].
+    /// The pose that the device reports for a handle at `world`: the inverse of [`Self::pose`].
     pub fn device_pose(&self, world: &Pose) -> Pose {
         let to_device = self.base.inverse();
         Pose {
@@ -75,8 +75,9 @@ impl DeviceMapping {
         }
     }
 
-    /// The mapping with the origin moved and the handle turned so that `device` is at `world`. Axes and scale
-    /// stay: what the hand does next moves and turns the object the way it did before.
+    /// The mapping with the origin moved and the handle turned so that `device` maps to `world`. Axes and
+    /// scale are unchanged: the hand's next motion moves and turns the object in the same directions as
+    /// before.
     pub fn rebased(&self, device: &Pose, world: &Pose) -> Self {
         let rotation = self.base.rotation;
         let moved: DVec3 = rotation * (device.translation * self.scale);

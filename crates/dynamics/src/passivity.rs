@@ -1,20 +1,20 @@
-//! Energy at the device's port, and damping where more comes out of it than can (Hannaford and Ryu 2002).
+//! Energy at the device's port, and damping when more comes out than was stored (Hannaford and Ryu 2002).
 //!
-//! A force f that is held from one sample to the next takes the work −f · Δx out of the hand over the
-//! measured displacement Δx: exactly what flowed, whatever happened between the samples. Translation and
-//! rotation are two ports of this kind, with force and displacement, or torque and rotation vector.
+//! A force f that is held from one sample to the next takes the work −f · Δx from the hand over the measured
+//! displacement Δx: exactly the energy that flowed, whatever happened between the samples. Translation and
+//! rotation are two such ports, with force and displacement, or torque and rotation vector.
 //!
-//! Positions that come in steps bias the sum: the force answers a step Δ only when all of it has been seen,
-//! so that a spring K seems to create K Δ²/2 at each, on the way out and back. Up to one step, a displacement
+//! Encoder steps bias the sum: the force responds to a step Δ only after all of it was measured,
+//! so that a spring K seems to create K Δ²/2 at each step, in both directions. Up to one step, a displacement
 //! is therefore charged with the mean of the forces before and after it.
 
 use glam::DVec3;
 use palpate_core::{Twist, Wrench};
 
-/// Diagonal of a cube: how far rounding on three axes reaches, in steps.
+/// Largest rounding of a displacement by encoders on three axes, in encoder steps: √3.
 const DIAGONAL: f64 = 1.732_050_807_568_877_2;
 
-/// Counts the energy that flows in at a port.
+/// Account of the energy that flows in at a port.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PassivityObserver {
     /// Resolution of the displacement, m or rad.
@@ -22,18 +22,19 @@ pub struct PassivityObserver {
     energy: f64,
     /// Force held at the port, N or N·m.
     held: DVec3,
-    /// The last displacement, no longer than the resolution.
+    /// The last displacement, limited to the resolution, to which the force has not responded yet.
     unanswered: DVec3,
 }
 
 impl PassivityObserver {
-    /// Nothing flowed yet and nothing is held. `step` is the smallest displacement that is sensed, m or rad.
+    /// An account without energy and without a force held. `step` is the smallest displacement that is
+    /// sensed, m or rad.
     pub fn new(step: f64) -> Self {
         Self { step, ..Self::default() }
     }
 
-    /// Takes the displacement (m, rad) since the last call, under what was last held. The energy (J) that
-    /// flowed in.
+    /// Accounts for the displacement (m, rad) since the last call under the force held. Returns the energy
+    /// (J) that flowed in, −f · Δx.
     pub fn observe(&mut self, displacement: DVec3) -> f64 {
         let length = displacement.length();
         if !length.is_finite() {
@@ -46,7 +47,8 @@ impl PassivityObserver {
         self.add(-self.held.dot(displacement))
     }
 
-    /// Says what is held from now on (N, N·m). The energy (J) by which that corrects the last displacement's.
+    /// Sets the force (N, N·m) held from now on. Returns the correction (J) of the last displacement's
+    /// energy, −½ (f' − f) · Δx for a displacement of at most one encoder step.
     pub fn hold(&mut self, force: DVec3) -> f64 {
         let answer = if self.step > 0.0 { (force - self.held).dot(self.unanswered) } else { 0.0 };
         self.held = force;
@@ -73,17 +75,17 @@ impl PassivityObserver {
     }
 }
 
-/// Damps a device that is given more energy than it gave: the time-domain passivity controller of Hannaford
-/// and Ryu, with three bounds.
+/// The time-domain passivity controller of Hannaford and Ryu, which damps a device that receives more energy
+/// than it gave, with three bounds.
 ///
-/// - It counts only on energy that can still come back: what flowed in beyond `stored` has been dissipated
-///   and is forgotten, so that a session which dissipated much before is not free to create as much.
-/// - Its damping never exceeds a maximum, to be chosen so that a damper of that size is itself passive at the
+/// - Only energy that can still come back counts: energy that flowed in beyond `stored` has been dissipated
+///   and is dropped, so that a session that dissipated much cannot create as much later.
+/// - The damping never exceeds a maximum, to be chosen so that a damper of that size is itself passive at the
 ///   port.
-/// - What rounding of the position may hide, √3 Δ ‖f‖, is not answered.
+/// - Energy that rounding of the position may explain, √3 Δ ‖f‖, is not damped.
 ///
-/// Translation and rotation have an observer each but share one reserve, for a body may give back by turning
-/// what it was given by moving.
+/// Translation and rotation have an observer each but share one reserve, since a body may give back by
+/// turning the energy that it received by moving.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PassivityController {
     translation: PassivityObserver,
@@ -111,14 +113,14 @@ impl PassivityController {
         controller
     }
 
-    /// Allows other damping from now on.
+    /// Sets the largest damping from now on.
     pub fn set_max_damping(&mut self, (linear, angular): (f64, f64)) {
         let usable = |damping: f64| if damping.is_finite() { damping.max(0.0) } else { 0.0 };
         self.max_damping = (usable(linear), usable(angular));
     }
 
-    /// Takes the displacement (m, rad) since the last call. `stored` is the most energy (J) that what is
-    /// rendered now holds and may give back.
+    /// Accounts for the displacement (m, rad) since the last call. `stored` is the largest energy (J) that
+    /// the rendered springs hold now and may give back.
     pub fn observe(&mut self, displacement: &Twist, stored: f64) {
         let work = -self.damping.power(displacement);
         self.dissipated += if work.is_finite() { work } else { 0.0 };
@@ -127,15 +129,14 @@ impl PassivityController {
         self.reserve = self.reserve.min(stored.max(0.0));
     }
 
-    /// Takes energy (J) that flowed into the session at another port, as at a gripper: it may come out here.
-    /// To be called before [`Self::observe`], which forgets what cannot come back.
+    /// Accounts for energy (J) that flowed into the session at another port, as at a gripper: it may come out
+    /// here. To be called before [`Self::observe`], which drops the energy that cannot come back.
     pub fn exchange(&mut self, energy: f64) {
         self.reserve += if energy.is_finite() { energy } else { 0.0 };
     }
 
     /// The wrench (N, N·m) to add at a handle that moves at `twist` (m/s, rad/s) and is sampled again in `dt`
-    /// (s): against its motion, and such that it takes out in that time what was created, as far as the
-    /// maxima go.
+    /// (s). It opposes the motion and takes out the created energy in that time, within the largest damping.
     pub fn damping(&mut self, twist: &Twist, dt: f64) -> Wrench {
         let created = self.created();
         let most = Wrench::new(twist.linear * -self.max_damping.0, twist.angular * -self.max_damping.1);
@@ -148,30 +149,30 @@ impl PassivityController {
         self.damping
     }
 
-    /// Energy (J) that came out beyond what can have been stored, and that rounding of the position does not
-    /// explain; 0 where there is none.
+    /// Energy (J) that came out beyond the stored energy and that rounding of the position does not explain;
+    /// 0 if there is none.
     pub fn created(&self) -> f64 {
         let hidden = |observer: &PassivityObserver| DIAGONAL * observer.step * observer.held.length();
         (-self.reserve - hidden(&self.translation) - hidden(&self.rotation)).max(0.0)
     }
 
-    /// Forgets what was created: the wrench that did it is let go of.
+    /// Clears the created energy, once the wrench that created it is dropped.
     pub fn forgive(&mut self) {
         self.reserve = self.reserve.max(0.0);
     }
 
-    /// Counts anew: nothing has flowed in that may come out.
+    /// Restarts the account: no energy is left that may come out.
     pub fn restart(&mut self) {
         self.reserve = 0.0;
     }
 
-    /// Adds nothing for now: no wrench is wanted.
+    /// Stops damping and returns a zero wrench, when no wrench is wanted.
     pub fn rest(&mut self) -> Wrench {
         self.damping = Wrench::ZERO;
         Wrench::ZERO
     }
 
-    /// Says what is held from now on (N, N·m).
+    /// Sets the wrench (N, N·m) held from now on.
     pub fn hold(&mut self, wrench: &Wrench) {
         self.reserve += self.translation.hold(wrench.force);
         self.reserve += self.rotation.hold(wrench.torque);
@@ -187,7 +188,7 @@ impl PassivityController {
         (&self.translation, &self.rotation)
     }
 
-    /// Energy that the damping took out, J.
+    /// Energy that the damping has taken out, J.
     pub fn dissipated(&self) -> f64 {
         self.dissipated
     }

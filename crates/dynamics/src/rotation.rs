@@ -22,7 +22,8 @@ pub(crate) fn cross_columns(a: DVec3, m: &DMat3) -> DMat3 {
     DMat3::from_cols(a.cross(m.x_axis), a.cross(m.y_axis), a.cross(m.z_axis))
 }
 
-/// Below this θ² the coefficients come from five terms of their series, whose remainder is below rounding.
+/// Largest θ² for which the coefficients are computed by five terms of their series, whose remainder is below
+/// rounding.
 pub(crate) const SERIES_BELOW: f64 = 0.01;
 
 /// The coefficients (a, b, c) above for a squared angle.
@@ -40,8 +41,8 @@ pub(crate) fn coefficients(t: f64) -> (f64, f64, f64) {
     (a, (1.0 - cosine) / t, (1.0 - a) / t)
 }
 
-/// exp(u*) − 1 and J_l(u), of a rotation vector `u` (rad); J_l is the rotation, in world axes, that a change of `u` makes. The 1 is left out so that small
-/// rotations keep their digits.
+/// exp(u*) − 1 and J_l(u), of a rotation vector `u` (rad); J_l is the rotation, in world axes, that a change
+/// of `u` makes. The 1 is left out so that small rotations keep their digits.
 #[inline(always)]
 pub(crate) fn exponential(u: DVec3) -> (DMat3, DMat3) {
     let (a, b, c) = coefficients(u.length_squared());
@@ -52,8 +53,8 @@ pub(crate) fn exponential(u: DVec3) -> (DMat3, DMat3) {
 /// J_r⁻¹(u): the derivative of log(exp(u*) exp(δ*)) by δ at 0.
 ///
 /// J_r⁻¹ = 1 + u*/2 + e u*², e = (1 − (θ/2) cot(θ/2)) / θ², which is regular up to and including θ = π, the
-/// end of the short way round. Its symmetric part is positive semidefinite there: across the axis it is (θ/2)
-/// cot(θ/2).
+/// largest angle of the shorter rotation. Its symmetric part is positive semidefinite there: across the axis
+/// it is (θ/2) cot(θ/2).
 #[inline(always)]
 pub(crate) fn inverse_right_jacobian(u: DVec3) -> DMat3 {
     let t = u.length_squared();

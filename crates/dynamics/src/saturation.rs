@@ -1,16 +1,17 @@
-//! The spring law that stops growing where the device can push no harder (§5.3.3, Fig. 5.4).
+//! The saturating spring law, limited to the force that the device can render (§5.3.3, Fig. 5.4), and limits
+//! of the rate of a wrench.
 //!
-//! Three pieces, joined with continuous slope: linear while the force is under [`LINEAR_SHARE`] of the limit,
-//! a cubic Hermite piece, and the constant limit. The cubic starts with the spring's own slope and ends flat;
-//! the end of its range is placed where it needs no third-order term, so that the slope falls linearly from k
-//! to 0: the law is concave and the tangent stiffness (Eq. 5.31) is never above k nor below 0.
+//! The law has three pieces, joined with continuous slope: linear while the force is under [`LINEAR_SHARE`]
+//! of the limit, a cubic Hermite piece, and the constant limit. The cubic starts with the spring's own slope
+//! and ends flat; its range is chosen so that the third-order term vanishes and the slope falls linearly from
+//! k to 0: the law is concave and the tangent stiffness (Eq. 5.31) is between 0 and k.
 
 use std::f64::consts::PI;
 
 use glam::DVec3;
 use palpate_core::Wrench;
 
-/// Share of the limit up to which the spring is linear.
+/// Share of the limit up to which the spring is linear. With more, the slope falls more suddenly.
 const LINEAR_SHARE: f64 = 0.75;
 
 /// Magnitude and slope of the force of a spring of `stiffness` at a `deviation` ≥ 0, limited to `limit`.
@@ -37,7 +38,7 @@ pub fn spring_force(stiffness: f64, deviation: f64, limit: f64) -> (f64, f64) {
     (limit * (LINEAR_SHARE + width * t * (1.0 - 0.5 * t)), stiffness * (1.0 - t))
 }
 
-/// Energy (J) held in the spring of [`spring_force`] at a `deviation` ≥ 0: the integral of its law.
+/// Energy (J) stored in the spring of [`spring_force`] at a `deviation` ≥ 0: the integral of its law.
 pub(crate) fn spring_energy(stiffness: f64, deviation: f64, limit: f64) -> f64 {
     let linear = stiffness * deviation;
     if limit == f64::INFINITY {
@@ -56,14 +57,14 @@ pub(crate) fn spring_energy(stiffness: f64, deviation: f64, limit: f64) -> f64 {
     limit * limit / stiffness * (0.5 * LINEAR_SHARE * LINEAR_SHARE + bent + flat)
 }
 
-/// Angle from which an angular spring fades, rad: 150°.
+/// Angle from which an angular spring fades, rad: 150°. With more, its negative slope is steeper.
 const FADE_FROM: f64 = 5.0 / 6.0 * PI;
 
 /// Magnitude and slope of the torque of an angular spring of `stiffness` (N·m/rad) at an `angle` of 0 to π
 /// (rad), limited to `limit` (N·m).
 ///
-/// The law of [`spring_force`] up to 150°. From there it fades along a cubic, with continuous slope, to
-/// nothing at 180°, where the short way round changes sides: the torque is continuous through a half turn.
+/// It is the law of [`spring_force`] up to 150°. From there it fades along a cubic, with continuous slope, to
+/// zero at 180°, where the shorter rotation changes direction: the torque is continuous through a half turn.
 /// The slope is negative where it fades.
 pub fn angular_spring_torque(stiffness: f64, angle: f64, limit: f64) -> (f64, f64) {
     let (torque, slope) = spring_force(stiffness, angle, limit);
@@ -77,13 +78,14 @@ pub fn angular_spring_torque(stiffness: f64, angle: f64, limit: f64) -> (f64, f6
     (torque * share, slope * share + torque * share_slope)
 }
 
-/// Energy (J) held in the spring of [`angular_spring_torque`].
+/// Energy (J) stored in the spring of [`angular_spring_torque`].
 pub(crate) fn angular_spring_energy(stiffness: f64, angle: f64, limit: f64) -> f64 {
     let held = spring_energy(stiffness, angle.min(FADE_FROM), limit);
     if angle <= FADE_FROM {
         return held;
     }
-    // The law is of degree five at most between its joints, which three points integrate exactly.
+    // Between its joints the law is a polynomial of degree five at most, which Gauss quadrature with three
+    // points integrates exactly.
     let joint = |share: f64| (share * limit / stiffness).clamp(FADE_FROM, angle);
     let ends = [FADE_FROM, joint(LINEAR_SHARE), joint(2.0 - LINEAR_SHARE), angle];
     let faded: f64 = ends
@@ -98,9 +100,10 @@ pub(crate) fn angular_spring_energy(stiffness: f64, angle: f64, limit: f64) -> f
     held + faded
 }
 
-/// The wrench with the magnitudes of its force and torque limited to `max_force` (N) and `max_torque` (N·m),
-/// each by the law of [`spring_force`] and each keeping its direction: unchanged up to three quarters of the
-/// limit, smooth beyond. What is not finite becomes zero, for this is the last function before a motor.
+/// Limits the magnitudes of a wrench's force and torque to `max_force` (N) and `max_torque` (N·m) by the law
+/// of [`spring_force`], without changing their directions: unchanged up to three quarters of the limit,
+/// smooth beyond. A force or torque that is not finite becomes zero, since this is the last function before a
+/// motor.
 pub fn saturate(wrench: &Wrench, max_force: f64, max_torque: f64) -> Wrench {
     Wrench { force: limited(wrench.force, max_force), torque: limited(wrench.torque, max_torque) }
 }
@@ -108,9 +111,9 @@ pub fn saturate(wrench: &Wrench, max_force: f64, max_torque: f64) -> Wrench {
 /// Largest rate of change of a wrench.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlewLimit {
-    /// N/s; infinite for no limit.
+    /// Rate of the force, N/s; infinite for no limit.
     pub force: f64,
-    /// N·m/s; infinite for no limit.
+    /// Rate of the torque, N·m/s; infinite for no limit.
     pub torque: f64,
 }
 
@@ -119,7 +122,7 @@ impl SlewLimit {
     pub const NONE: Self = Self { force: f64::INFINITY, torque: f64::INFINITY };
 
     /// The wrench nearest to `wanted`, in force and in torque, that `previous` may change to within `dt` (s).
-    /// What is not finite in `wanted` counts as zero; without a time nothing changes.
+    /// A part of `wanted` that is not finite counts as zero; with a `dt` of 0 nothing changes.
     pub fn approach(&self, previous: &Wrench, wanted: &Wrench, dt: f64) -> Wrench {
         Wrench {
             force: approached(previous.force, wanted.force, self.force * dt),
@@ -127,16 +130,16 @@ impl SlewLimit {
         }
     }
 
-    /// `previous` after it has shrunk, along its direction and no further than `wanted` does, within
-    /// `elapsed` (s): where it is no longer than `free` (N, N·m), as far as it likes. To be followed by
-    /// [`Self::approach`], which is for growing and turning.
+    /// Lets `previous` shrink towards `wanted` within `elapsed` (s), along its direction and no further than
+    /// its part in `wanted`; without a limit if it is no longer than `free` (N, N·m). To be followed by
+    /// [`Self::approach`], which lets it grow and turn.
     ///
-    /// A hand that comes off a surface is let go of as fast as that: what the force lags behind while it
-    /// falls is energy that goes into the hand.
+    /// Called with a higher limit than `approach`, it lets the force follow a hand that leaves a surface: a
+    /// force that lags while it falls puts energy into the hand.
     pub fn unload(&self, previous: &Wrench, wanted: &Wrench, elapsed: f64, free: (f64, f64)) -> Wrench {
-        let shrunk = |previous: DVec3, wanted: DVec3, most: f64, free: f64| {
-            let most = if previous.length() <= free { f64::INFINITY } else { most };
-            approached(previous, part_wanted(previous, wanted), most)
+        let shrunk = |previous: DVec3, wanted: DVec3, limit: f64, free: f64| {
+            let limit = if previous.length() <= free { f64::INFINITY } else { limit };
+            approached(previous, part_wanted(previous, wanted), limit)
         };
         Wrench {
             force: shrunk(previous.force, wanted.force, self.force * elapsed, free.0),
@@ -151,18 +154,19 @@ fn part_wanted(previous: DVec3, wanted: DVec3) -> DVec3 {
     if part > 0.0 { previous * part.min(1.0) } else { DVec3::ZERO }
 }
 
-/// `wanted`, or the point `most` away from `previous` towards it.
-fn approached(previous: DVec3, wanted: DVec3, most: f64) -> DVec3 {
+/// `wanted`, or the point at the distance `limit` from `previous` towards it if that is nearer.
+fn approached(previous: DVec3, wanted: DVec3, limit: f64) -> DVec3 {
     let wanted = if wanted.is_finite() { wanted } else { DVec3::ZERO };
     let change = wanted - previous;
     let length = change.length();
-    // A limit that is infinite, and `0 · ∞`, which is no number, let through.
-    if length <= most || most.is_nan() || !length.is_finite() {
+    // An infinite rate does not limit, not even within a time of 0, where `limit` is 0 · ∞ = NaN.
+    if length <= limit || limit.is_nan() || !length.is_finite() {
         return wanted;
     }
-    previous + change * (most.max(0.0) / length)
+    previous + change * (limit.max(0.0) / length)
 }
 
+/// A vector limited by [`spring_force`]; zero if it is not finite.
 fn limited(vector: DVec3, limit: f64) -> DVec3 {
     if !vector.is_finite() {
         return DVec3::ZERO;
@@ -264,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrench_unloads_along_itself_and_at_once_where_it_is_small() {
+    fn a_wrench_unloads_along_itself_and_at_once_if_it_is_small() {
         let slew = SlewLimit { force: 100.0, torque: 2.0 };
         let held = Wrench::new(DVec3::new(0.3, -0.4, 0.0), DVec3::Z * 0.01);
         let none = (0.0, 0.0);
@@ -281,11 +285,11 @@ mod tests {
         assert!((next.force - held.force * 0.2).length() < 1e-12, "{next:?}");
         assert!((next.torque - held.torque * 0.2).length() < 1e-15, "{next:?}");
         assert_eq!(slew.unload(&held, &Wrench::ZERO, 6e-3, none), Wrench::ZERO);
-        // No further than is wanted, and not at all where more is.
+        // It shrinks no further than wanted, and not at all if more is wanted.
         let next = slew.unload(&held, &(held * 0.9), 4e-3, none);
         assert!((next - held * 0.9).force.length() < 1e-12, "{next:?}");
         assert_eq!(slew.unload(&held, &(held * 3.0), 4e-3, none), held);
-        // At once below what is free.
+        // Below `free` it shrinks at once.
         let next = slew.unload(&held, &Wrench::ZERO, 1e-3, (0.6, 0.001));
         assert_eq!((next.force, next.torque), (DVec3::ZERO, DVec3::Z * 0.008));
         let nan = Wrench::new(DVec3::NAN, DVec3::INFINITY);
@@ -295,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn saturation_keeps_direction_limits_magnitude_and_refuses_nonsense() {
+    fn saturation_keeps_direction_limits_magnitude_and_zeroes_nan() {
         let wrench = Wrench::new(DVec3::new(3.0, -4.0, 12.0), DVec3::new(0.001, 0.0, 0.0));
         let out = saturate(&wrench, 3.3, 0.1);
         assert!((out.force.length() - 3.3).abs() < 1e-12);

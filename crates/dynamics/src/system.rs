@@ -1,5 +1,5 @@
-//! Linear systems in a small motion of the body, linear and angular: what springs and dampers on points of it
-//! make.
+//! Linear systems in a small motion (linear, angular) of the body, as springs and dampers on points of it
+//! make them.
 
 use glam::{DMat3, DVec3, Vec3Swizzles as _};
 
@@ -14,7 +14,7 @@ pub(crate) struct Linear {
 }
 
 impl Linear {
-    /// No matrix yet.
+    /// A system with a zero matrix.
     #[inline]
     pub fn with_right(right: [f64; 6]) -> Self {
         Self { matrix: [[0.0; 6]; 6], right }
@@ -30,7 +30,7 @@ impl Linear {
         }
     }
 
-    /// Adds a matrix of rank one, along a direction.
+    /// Adds the rank-one matrix direction · rowᵀ.
     #[inline]
     pub fn add_along(&mut self, direction: &[f64; 6], row: &[f64; 6]) {
         for (entries, along) in self.matrix.iter_mut().zip(direction) {
@@ -45,7 +45,8 @@ impl Linear {
         self.add_with_lateral(lateral, &DMat3::ZERO, &DMat3::ZERO);
     }
 
-    /// Adds springs or dampers, and the blocks of force and torque by angular motion.
+    /// Adds springs or dampers, Σ g (1, −a*; a*, −a* a*), and the blocks of force and torque by angular
+    /// motion.
     #[inline]
     pub fn add_with_lateral(&mut self, lateral: &Lateral, force_by_turn: &DMat3, torque_by_turn: &DMat3) {
         let cross = skew(lateral.first);
@@ -62,8 +63,8 @@ impl Linear {
         }
     }
 
-    /// The solution; `definite` tells whether the symmetric part of the matrix is known to be positive
-    /// definite.
+    /// The solution. If the symmetric part of the matrix is known to be positive definite (`definite`), it is
+    /// solved without pivoting first.
     #[inline(always)]
     pub fn solution(&self, definite: bool) -> Option<[f64; 6]> {
         let quick = if definite { solve_definite(self.matrix, self.right) } else { None };
@@ -72,24 +73,26 @@ impl Linear {
 }
 
 /// Springs or dampers that resist motion of points of the body in all directions alike: the sum of their
-/// gains, and the first and second moments of these about the centre of mass.
+/// gains, and the gains' first and second moments about the centre of mass.
 #[derive(Clone, Copy)]
 pub(crate) struct Lateral {
+    /// Σ g.
     gain: f64,
+    /// Σ g a.
     first: DVec3,
-    /// Second moments: xx, yy and zz; yz, zx and xy.
+    /// Second moments Σ g a aᵀ: xx, yy and zz; yz, zx and xy.
     second: (DVec3, DVec3),
 }
 
 impl Lateral {
     pub const NONE: Self = Self::at_centre(0.0);
 
-    /// One at the centre of mass.
+    /// A spring or damper at the centre of mass.
     pub const fn at_centre(gain: f64) -> Self {
         Self { gain, first: DVec3::ZERO, second: (DVec3::ZERO, DVec3::ZERO) }
     }
 
-    /// Adds one at `arm`.
+    /// Adds a spring or damper at `arm`.
     #[inline]
     pub fn add(&mut self, gain: f64, arm: DVec3) {
         let first = arm * gain;
@@ -99,7 +102,7 @@ impl Lateral {
         self.second.1 += first.yzx() * arm.zxy();
     }
 
-    /// The sum of −gain · a* a*.
+    /// −Σ g a* a* = Σ g (‖a‖² − a aᵀ).
     #[inline]
     fn torque_by_turn(&self) -> DMat3 {
         let (square, mixed) = self.second;
@@ -112,14 +115,14 @@ impl Lateral {
     }
 }
 
-/// The sum of a* b* where `sum` is that of b aᵀ.
+/// Σ a* b* for `sum` = Σ b aᵀ, by a* b* = b aᵀ − (a · b) 1.
 #[inline]
 pub(crate) fn cross_sum(sum: &DMat3) -> DMat3 {
     let trace = sum.x_axis.x + sum.y_axis.y + sum.z_axis.z;
     *sum - DMat3::from_diagonal(DVec3::splat(trace))
 }
 
-/// A vector of six, linear and angular.
+/// A vector of six components, linear then angular.
 #[inline]
 pub(crate) fn six(linear: DVec3, angular: DVec3) -> [f64; 6] {
     [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]
@@ -159,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sum_of_crosses_is_that_of_its_products() {
+    fn a_sum_of_crosses_equals_the_product_of_cross_matrices() {
         let (a, b) = (DVec3::new(1.0, -2.0, 0.5), DVec3::new(0.3, 4.0, -1.0));
         assert_eq!(cross_sum(&outer(b, a)), skew_skew(a, b));
     }

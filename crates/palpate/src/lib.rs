@@ -98,6 +98,6 @@ pub mod errors {
 pub mod promises {
     pub use crate::haptic::heat::WARMTH;
     pub use crate::haptic::invariants::{
-        ENERGY_BOUND, FAULT_TIME, Invariant, Invariants, Kept, RUNAWAY_SPEED,
+        ENERGY_BOUND, FAULT_TIME, Invariant, InvariantRecord, Invariants, RUNAWAY_SPEED,
     };
 }

@@ -1,5 +1,5 @@
 //! The tests of a pair of nodes: whether it is out of reach, whether it has to be split, and which contacts
-//! it has. They read nothing but the bodies and the query's context, so that several pairs may be tested at
+//! it has. They read only the bodies and the query's context, so that several pairs may be tested at
 //! once.
 
 use std::ops::Range;
@@ -15,25 +15,25 @@ use crate::convex::{Distance, Hull, Limits, Separation, Start, gjk};
 use crate::shape::{Packed, Shape};
 use crate::tolerances::{PRECISION, ROUNDING_SLACK};
 
-/// Hulls of more points than this are not tested above the leaves, but split at once: they belong to the
-/// upper free levels, where they overlap nearly always, and a support point of theirs costs more than the
+/// Largest number of points of a hull that is tested above the leaves. Larger ones are split at once: they
+/// belong to the upper free levels, where hulls nearly always overlap and a support point costs more than the
 /// spheres of their children.
 const HULL_TEST_POINTS: usize = 256;
 
-/// Part of what separates two hulls, beyond their reach, that a search has to prove before it stops, 0 to 1.
-/// The larger, the longer a search takes and the longer its answer holds.
+/// Share of the separation beyond the reach that a search has to prove before it stops, 0 to 1.
+/// The larger, the longer a search takes and the longer its answer is valid.
 const PROVEN_SHARE: f64 = 0.5;
 
 /// Decision about a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Decision {
-    /// It stays on the front, or comes back to it.
+    /// The pair stays on the front, or returns to it.
     Stop,
-    /// It is split.
+    /// The pair is split.
     Split,
-    /// It stays on the front, or comes back to it, and is examined for contacts.
+    /// The pair stays on the front, or returns to it, and is examined for contacts.
     Examine,
-    /// It is examined, which decides whether it is split.
+    /// The pair is examined, which decides whether it is split.
     ExamineToDecide,
 }
 
@@ -50,7 +50,7 @@ impl Bodies {
         !self.probe.is_free(pair.a) && !self.scene.is_free(pair.b)
     }
 
-    /// The sum of the nodes' radii, m.
+    /// Sum of the nodes' radii, m.
     pub fn radii(&self, pair: &Pair) -> f64 {
         self.probe.radius(pair.a) + self.scene.radius(pair.b)
     }
@@ -59,7 +59,7 @@ impl Bodies {
         [self.probe.node(pair.a), self.scene.node(pair.b)]
     }
 
-    /// The pairs that a pair is split into.
+    /// The pairs that a pair is split into: one node with each child of the other.
     pub fn children(
         &self,
         Pair { a, b, .. }: Pair,
@@ -75,12 +75,12 @@ impl Bodies {
         })
     }
 
-    /// The node of a pair that is split: whether it is the probe's, and its children.
+    /// Chooses the node of a pair to split. Returns whether it is the probe's, and its children.
     fn split_node(&self, a: u32, b: u32, exact: bool) -> (bool, Range<u32>) {
         let (node_a, node_b) = (self.probe.node(a), self.scene.node(b));
         let [below_a, below_b] = [self.probe.detail(a), self.scene.detail(b)].map(|d| d.child_resolution);
-        // With a threshold, the node with the coarser children (§3.4.2). Among free levels, whose resolution
-        // is 0, and at full resolution, the larger node.
+        // With a threshold, the node with the coarser children is split (§3.4.2). Among free levels, whose
+        // resolution is 0, and at full resolution, it is the larger node.
         let by_size = exact || below_a == below_b;
         let split_a = if by_size { node_a.radius >= node_b.radius } else { below_a < below_b };
         if node_b.is_leaf() || (!node_a.is_leaf() && split_a) {
@@ -91,12 +91,12 @@ impl Bodies {
     }
 
     /// Decides about a pair that is due for a test. The cheaper tests come first: the bounding spheres, the
-    /// axis that separated the hulls before, the missing detail, the bounding hulls.
+    /// cached separating axis, the missing detail, the bounding hulls.
     pub fn decide(&self, pair: &mut Pair, context: &Context, patch_query: &mut PatchQuery) -> Decision {
         let nodes = self.nodes(pair);
         pair.out_of_reach = false;
-        // A split pair whose spheres have come apart is joined when it is left, if its hulls are out of reach
-        // for long.
+        // A split pair whose spheres have come apart is joined later, when the descent leaves it, if its
+        // hulls stay out of reach for long enough.
         if !pair.split && spheres_are_apart(&nodes, pair, context) {
             return Decision::Stop;
         }
@@ -122,7 +122,7 @@ impl Bodies {
                 Decision::Split
             }
             Refine::Depends => {
-                // With a warm start the patches are searched at once, which also answers whether they are in
+                // With a warm start the patches are searched at once, which also decides whether they are in
                 // reach.
                 let warm = !pair.warm_start.vertices(true).is_empty();
                 if !warm && self.is_apart(pair, context, patch_query) {
@@ -134,8 +134,8 @@ impl Bodies {
         }
     }
 
-    /// Finds the contacts of a pair. They are left in `patch_query`. If it `decides` whether the pair is
-    /// split, and all of it is left to finer pairs, there are none.
+    /// Finds the contacts of a pair and leaves them in `patch_query`. If the examination `decides` whether
+    /// the pair is split, and finer pairs have all of its contact, there are none.
     pub fn examine(
         &self,
         pair: &mut Pair,
@@ -152,21 +152,10 @@ impl Bodies {
         let beyond = found.separation == Separation::Beyond || found.distance > tolerance.max(precision);
         pair.refined_share = if decides { self.refined_share(pair, &found, context) } else { 0.0 };
         let decision = if pair.refined_share > 0.0 { Decision::Split } else { Decision::Stop };
-        let all_refined = pair.refined_share == 1.0;
-        // How far the bodies may move until the answer could be another one. Nearest points count where there
-        // are any within the tolerance only, and hulls that overlap go on to do so until they have moved by
-        // their depth.
-        let mut holds_for = match (beyond, all_refined) {
-            (true, _) => found.lower - tolerance,
-            (false, true) => found.simplex.depth(),
-            (false, false) => f64::NEG_INFINITY,
-        };
-        if all_refined {
-            holds_for = holds_for.max(self.refined_for(pair, &found, &hulls, context));
-        }
-        pair.split_valid_until = context.now.motion_bound + holds_for;
+        pair.split_valid_until =
+            context.now.motion_bound + self.valid_motion(pair, &found, beyond, &hulls, context);
         pair.recheck_at = f64::NEG_INFINITY;
-        if all_refined {
+        if pair.refined_share == 1.0 {
             return decision;
         }
         patch_query.costs.leaf_pairs += 1;
@@ -188,7 +177,32 @@ impl Bodies {
         decision
     }
 
-    /// The part of a pair's contact, found at these nearest points, that is left to finer pairs.
+    /// Motion, m, for which the answer of an examined pair stays valid; −∞ if it has contacts.
+    fn valid_motion(
+        &self,
+        pair: &Pair,
+        found: &Distance,
+        beyond: bool,
+        hulls: &[Hull; 2],
+        context: &Context,
+    ) -> f64 {
+        let all_refined = pair.refined_share == 1.0;
+        // Hulls apart by at least `lower` stay beyond the tolerance, and overlapping hulls keep overlapping
+        // until they have moved by the depth of the simplex around the origin. Nearest points within the
+        // tolerance change with every motion.
+        let relation_valid = match (beyond, all_refined) {
+            (true, _) => found.lower - context.settings.tolerance,
+            (false, true) => found.simplex.depth(),
+            (false, false) => f64::NEG_INFINITY,
+        };
+        if all_refined {
+            relation_valid.max(self.refined_for(pair, found, hulls, context))
+        } else {
+            relation_valid
+        }
+    }
+
+    /// The share of a pair's contact, at the nearest points found, that is left to finer pairs.
     fn refined_share(&self, pair: &Pair, found: &Distance, context: &Context) -> f64 {
         let [detail_a, detail_b] = [self.probe.detail(pair.a), self.scene.detail(pair.b)];
         let side_a = (&detail_a, self.probe.support_area(pair.a));
@@ -198,7 +212,7 @@ impl Bodies {
         refined_share(deviation, context.band)
     }
 
-    /// How far the bodies may move with all of a pair's contact still left to finer pairs, m.
+    /// Motion, m, for which all of a pair's contact stays left to finer pairs.
     fn refined_for(&self, pair: &Pair, found: &Distance, hulls: &[Hull; 2], context: &Context) -> f64 {
         let [hull_a, hull_b] = hulls;
         let [detail_a, detail_b] = [self.probe.detail(pair.a), self.scene.detail(pair.b)];
@@ -208,7 +222,7 @@ impl Bodies {
         refined_for(found, side_a, side_b, &context.placement, error, context.rounding)
     }
 
-    /// s₀ at a pair, m: at the centre of its smaller node.
+    /// s₀ at the centre of a pair's smaller node, m.
     pub fn threshold(&self, pair: &Pair, context: &Context) -> f64 {
         context.constant_error.unwrap_or_else(|| {
             let [a, b] = self.nodes(pair);
@@ -217,8 +231,8 @@ impl Bodies {
         })
     }
 
-    /// Whether the bounding hulls are out of reach. If so, until when is noted in the pair; if not, until
-    /// when they are in reach.
+    /// Tests whether the bounding hulls of a pair are out of reach. Stores in the pair the motion bound until
+    /// which the answer is valid.
     pub fn is_apart(&self, pair: &mut Pair, context: &Context, patch_query: &mut PatchQuery) -> bool {
         let (hull_a, hull_b) = (self.probe.hull(pair.a), self.scene.hull(pair.b));
         let nodes = self.nodes(pair);
@@ -248,7 +262,7 @@ impl Bodies {
     }
 }
 
-/// The distance between the hulls of a pair's patches.
+/// Finds the distance between the hulls of a pair's patches.
 fn patch_distance(
     pair: &mut Pair,
     nodes: &[Packed; 2],
@@ -281,7 +295,8 @@ fn reach([a, b]: &[Packed; 2], context: &Context) -> f64 {
     context.settings.tolerance + a.hausdorff + b.hausdorff
 }
 
-/// Whether the bounding spheres of a pair's nodes are out of reach. If so, until when is noted in the pair.
+/// Tests whether the bounding spheres of a pair's nodes are out of reach: |c_a − c_b| − r_a − r_b > d. If so,
+/// stores in the pair the motion bound until which they are.
 fn spheres_are_apart([a, b]: &[Packed; 2], pair: &mut Pair, context: &Context) -> bool {
     let distance = a.center.distance(context.placement.point(b.center));
     let gap = distance * (1.0 - ROUNDING_SLACK)
@@ -295,8 +310,8 @@ fn spheres_are_apart([a, b]: &[Packed; 2], pair: &mut Pair, context: &Context) -
     gap > 0.0
 }
 
-/// Whether hulls that were out of reach are so still, along the same axis. If so, until when is noted in the
-/// pair.
+/// Tests whether the cached separating axis still separates a pair's hulls. If so, stores in the pair the
+/// motion bound until which it does.
 fn are_still_apart(nodes: &[Packed; 2], pair: &mut Pair, context: &Context) -> bool {
     let Some(axis) = pair.separating_axis.filter(|_| !pair.split) else { return false };
     // With another threshold, a pair whose patches are apart may have to be split.

@@ -1,5 +1,5 @@
-//! Time-critical queries (§3.4.3): pairs are tested in the order of s*/s₀, and where the budget ends they are
-//! examined as they are.
+//! Time-critical queries (§3.4.3): pairs are tested in the order of s*/s₀, and when the budget is spent the
+//! rest is examined without further refinement.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -14,18 +14,18 @@ use super::outcome::Report;
 use super::refinement::urgency;
 use super::settings::Budget;
 
-/// Time that the examination of a pair is expected to take before it has been measured, s.
+/// Initial estimate of the time that the examination of a pair takes, s, before it is measured.
 const EXAMINATION_TIME: f64 = 1e-6;
 
 /// Number of queries over which measured times are averaged.
 const TIMING_QUERIES: f64 = 8.0;
 
-/// Times that time-critical queries took lately, s.
+/// Average times of recent time-critical queries, s.
 #[derive(Clone, Copy, Debug)]
 struct Timing {
-    /// The examination of a pair that the budget stopped.
+    /// Examination of a pair at which the budget was spent.
     examination: f64,
-    /// Leaving all pairs in the end.
+    /// Leaving all pairs at the end.
     leaving: f64,
 }
 
@@ -40,7 +40,7 @@ fn average(mean: &mut f64, value: f64) {
     *mean += (value - *mean) / TIMING_QUERIES;
 }
 
-/// A pair that waits, the one with the largest s*/s₀ first.
+/// A waiting pair, ordered by s*/s₀, the largest first.
 #[derive(Clone, Copy, Debug)]
 struct Urgent {
     /// s*/s₀.
@@ -86,18 +86,18 @@ impl Budgeted {
         self.waiting.capacity()
     }
 
-    /// Bytes of memory held.
+    /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         self.waiting.capacity() * size_of::<Urgent>()
     }
 
-    /// Makes a query: tests pairs that are due in the order of s*/s₀, as far as the budget goes. Those that
-    /// wait then are examined as they are.
+    /// Makes a query: tests pairs that are due in the order of s*/s₀ until the budget is spent. Pairs that
+    /// still wait then are examined without further refinement.
     pub fn run(&mut self, budget: Budget, descent: &mut Descent, report: &mut Report, context: &Context) {
         let begun = Instant::now();
         self.waiting.clear();
         self.waiting.push(Urgent { deviation: f64::INFINITY, slot: Front::ROOT, weight: 1.0 });
-        // Number of pairs that wait and could be examined as they are.
+        // Number of waiting pairs that can report contacts.
         let mut reportable = usize::from(descent.bodies.is_reportable(&descent.front.get(Front::ROOT)));
         let (mut first_stop, mut stops) = (None, 0);
         while let Some(Urgent { deviation, slot, weight }) = self.waiting.pop() {
@@ -133,7 +133,7 @@ impl Budgeted {
         average(&mut self.timing.leaving, leaving.elapsed().as_secs_f64());
     }
 
-    /// Whether a budget is spent, but for examining the pairs that wait.
+    /// Whether the rest of a budget is only enough to examine the waiting pairs.
     fn is_spent(&self, budget: Budget, begun: Instant, waiting: usize, descent: &Descent) -> bool {
         match budget {
             Budget::Queries(queries) => descent.patch_query.costs.convex_queries + waiting >= queries,
@@ -146,7 +146,7 @@ impl Budgeted {
     }
 }
 
-/// Examines a pair as it is, although it may be split. It stays due for a test.
+/// Examines a pair without refining it, even if it is split. It stays due for a test.
 fn stop_at(
     pair: Pair,
     slot: u32,

@@ -9,7 +9,8 @@ use crate::motion::Motion;
 use crate::shape::Shape;
 use crate::tolerances::{COORDINATE_ROUNDING, PAIR_MOTION_LIMIT};
 
-/// Part of s₀ over which interpolated contacts go over from one resolution to the next.
+/// Fraction of s₀ over which contacts are interpolated from one resolution to the next. With less, forces
+/// change faster; with more, more pairs have contacts on both levels.
 const INTERPOLATION_BAND: f64 = 0.5;
 
 /// Values that all pairs of a query share.
@@ -25,20 +26,20 @@ pub(crate) struct Context {
     pub now: Progress,
     /// Whether the query is at full resolution.
     pub exact: bool,
-    /// s₀ where it is the same everywhere, m.
+    /// s₀, m, if it is the same everywhere.
     pub constant_error: Option<f64>,
-    /// Part of s₀ over which contacts go over from one resolution to the next; 0 without interpolation.
+    /// Fraction of s₀ over which contacts are interpolated; 0 without interpolation.
     pub band: f64,
 }
 
-/// Changes since earlier queries, which decide whose answers still hold.
+/// Changes since earlier queries, which decide whether their answers are still valid.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Progress {
-    /// Bound on how far the bodies have moved ([`Motion::bound`]), m.
+    /// Bound on the bodies' relative motion ([`Motion::bound`]), m.
     pub motion_bound: f64,
-    /// Bound on how far they have turned ([`Motion::turn`]), rad.
+    /// Bound on the bodies' relative rotation ([`Motion::turn`]), rad.
     pub turn: f64,
-    /// Whether the threshold s₀ is, or may be, another one than in the query before.
+    /// Whether the threshold s₀ may differ from that of the query before.
     pub threshold_changed: bool,
 }
 
@@ -57,11 +58,12 @@ pub(crate) struct PairContext<'a> {
 /// Change to the front of the last query before the next one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum FrontUpdate {
-    /// The query starts from it.
+    /// The query starts from the front.
     Keep,
     /// The query starts from the roots.
     Restart,
-    /// The query starts from it, and the motion bound counts from zero again: it was this much, m.
+    /// The query starts from the front, and the motion bound, which was this value (m), counts from zero
+    /// again.
     Rebase(f64),
 }
 
@@ -73,7 +75,7 @@ pub(crate) struct Tracking {
 }
 
 impl Tracking {
-    /// Forgets the last query: the next one starts from the roots.
+    /// Discards the last query: the next one starts from the roots.
     pub fn reset(&mut self) {
         self.last = None;
     }
@@ -114,7 +116,7 @@ impl Tracking {
     }
 
     /// Compares the settings with those of the last query, and restarts the motion bound if it exceeds a
-    /// limit, m. Returns what becomes of the front, and whether the threshold s₀ may have changed.
+    /// limit, m. Returns the change to the front, and whether the threshold s₀ may have changed.
     fn compare(
         &mut self,
         last: Option<QuerySettings>,
@@ -123,13 +125,13 @@ impl Tracking {
     ) -> (FrontUpdate, bool) {
         let (mut update, mut threshold_changed) = (FrontUpdate::Restart, false);
         if let Some(last) = last {
-            // A pair that is out of reach by more than the tolerance has grown stays so: as if it came closer
-            // by that.
+            // A change of the tolerance counts as motion: a pair that is out of reach by more than that stays
+            // so.
             self.motion.add((settings.tolerance - last.tolerance).abs());
             threshold_changed = last.error != settings.error
                 || !settings.error.is_constant()
                 || last.interpolate != settings.interpolate;
-            // At full resolution other nodes are split than with a threshold.
+            // At full resolution, different nodes are split than with a threshold.
             if last.error.is_exact() == settings.error.is_exact() {
                 update = FrontUpdate::Keep;
             }
@@ -177,11 +179,11 @@ mod tests {
         let (context, update) = advance(0.5, &exact);
         assert_eq!(update, FrontUpdate::Keep);
         assert!((context.now.motion_bound - 0.5).abs() < 1e-6 && !context.now.threshold_changed);
-        // Another tolerance counts as motion.
+        // A change of the tolerance counts as motion.
         let (context, update) = advance(0.5, &QuerySettings { tolerance: 0.3, ..exact });
         assert_eq!(update, FrontUpdate::Keep);
         assert!((context.now.motion_bound - 0.7).abs() < 1e-6);
-        // With a threshold other nodes are split; another threshold asks again what is split.
+        // With a threshold different nodes are split; for another threshold the splits are tested again.
         let tolerance = 0.3;
         let (context, update) = advance(0.5, &QuerySettings { tolerance, ..coarse });
         assert!(update == FrontUpdate::Restart && context.now.threshold_changed);
@@ -189,7 +191,8 @@ mod tests {
         assert!(update == FrontUpdate::Keep && context.now.threshold_changed);
         let (context, update) = advance(0.5, &QuerySettings { error: 0.2.into(), tolerance, ..coarse });
         assert!(update == FrontUpdate::Keep && !context.now.threshold_changed);
-        // Far away the bound counts from zero again, before rounding outgrows what it is compared with.
+        // A large bound counts from zero again, before its rounding exceeds the gaps that it is compared
+        // with.
         let (context, update) = advance(1e4, &QuerySettings { error: 0.2.into(), tolerance, ..coarse });
         assert!(matches!(update, FrontUpdate::Rebase(bound) if (bound - 1e4).abs() < 1.0), "{update:?}");
         assert_eq!(context.now.motion_bound, 0.0);

@@ -1,8 +1,8 @@
-//! Pairs that are examined together, on the threads of the current rayon pool, after the descent has come to
-//! all of them.
+//! Deferred examination: pairs are examined together after the descent, on the threads of the current rayon
+//! pool.
 //!
-//! What a pair's examination finds depends on that pair alone, and is reported in the order of the descent:
-//! the answer is the same to the last bit, however many threads there are.
+//! The contacts of a pair depend on that pair alone and are reported in the order of the descent:
+//! the answer is the same to the last bit for any number of threads.
 
 use std::ops::Range;
 
@@ -16,10 +16,11 @@ use super::front::Pair;
 use super::outcome::Report;
 use super::patch_query::PatchQuery;
 
-/// Number of pairs from which on threads share them.
+/// Smallest number of pairs that are shared by several threads. With fewer, starting them costs more than it
+/// saves.
 const SHARED_PAIRS: usize = 64;
 
-/// A pair that is to be examined, or was.
+/// A pair that waits for its examination, or has been examined.
 #[derive(Clone, Debug)]
 struct Task {
     /// The pair's slot in the front; `None` if it has been examined already.
@@ -27,7 +28,7 @@ struct Task {
     pair: Pair,
     /// Weight of its contacts.
     weight: f64,
-    /// Its contacts, among those of its worker, or among those found during the descent.
+    /// Range of its contacts among those of its worker, or among those found during the descent.
     contacts: Range<usize>,
 }
 
@@ -35,7 +36,7 @@ struct Task {
 #[derive(Clone, Debug, Default)]
 struct Worker {
     patch_query: PatchQuery,
-    /// Contacts of its tasks, one after the other.
+    /// Contacts of its tasks, in their order.
     contacts: Vec<Contact>,
 }
 
@@ -43,7 +44,7 @@ struct Worker {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Deferred {
     tasks: Vec<Task>,
-    /// Contacts of pairs that could not wait.
+    /// Contacts of pairs that were examined during the descent.
     found: Vec<Contact>,
     workers: Vec<Worker>,
 }
@@ -77,7 +78,7 @@ impl Sink for Deferred {
 }
 
 impl Deferred {
-    /// Bytes of memory held.
+    /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         let of_worker = |worker: &Worker| {
             worker.patch_query.bytes()
@@ -89,7 +90,7 @@ impl Deferred {
             + self.workers.iter().map(of_worker).sum::<usize>()
     }
 
-    /// Makes a query: a descent, and then the examination of all pairs that wait.
+    /// Makes a query: a descent, then the examination of all pairs that wait.
     pub fn run(&mut self, descent: &mut Descent, report: &mut Report, context: &Context) {
         self.tasks.clear();
         self.found.clear();
@@ -110,7 +111,7 @@ impl Deferred {
         descent.leave_all(context);
     }
 
-    /// Examines all pairs that wait. Returns how many tasks each worker had.
+    /// Examines all pairs that wait. Returns the number of tasks of each worker.
     fn examine_all(&mut self, descent: &Descent, context: &Context) -> usize {
         let threads = if self.tasks.len() < SHARED_PAIRS { 1 } else { rayon::current_num_threads() };
         if self.workers.len() < threads {

@@ -1,8 +1,13 @@
 //! The traversal of the front (§3.4.2): from the roots down to the pairs that are due for a test, splitting
 //! and joining pairs on the way.
 //!
-//! What is due is looked up by the motion bound alone, so that parts of the tree that are far apart cost
-//! nothing. Pairs that may have contacts go to a [`Sink`], which examines them at once or later.
+//! A pair is due when the motion bound has reached the one stored with it, and each inner pair stores the
+//! smallest of those below it: parts of the tree that are far apart cost nothing. Pairs that may have
+//! contacts go to a [`Sink`], which examines them at once or later.
+//!
+//! Invariants: a pair on the front is not due before its `recheck_at`; a split pair is entered again when a
+//! pair below it is due or its split may no longer be right; after all below it were tested, it is *left*,
+//! which updates its `recheck_at` or joins the pairs below it.
 
 use palpate_core::Clod;
 
@@ -12,23 +17,23 @@ use super::front::{Front, Pair};
 use super::outcome::QueryOutcome;
 use super::patch_query::PatchQuery;
 
-/// Pairs are joined again when their answer holds for this part of the radii of the nodes that they were
-/// split from. The larger, the more pairs are kept; the smaller, the more often pairs are joined and split
-/// again.
+/// Smallest validity of an answer for which pairs are joined, as a fraction of the radii of the nodes that
+/// they were split from. The larger, the more pairs are kept; the smaller, the more often pairs are joined
+/// and split again.
 const JOIN_MARGIN: f64 = 0.05;
 
-/// Marks a pair on the stack below which all has been tested.
+/// Flag of a pair on the stack below which all pairs have been tested.
 const LEAVE: u32 = 1 << 31;
 
-/// Takes the pairs that may have contacts.
+/// Receiver of the pairs that may have contacts.
 pub(crate) trait Sink {
-    /// Whether pairs are examined after the descent. It then does not leave the pairs that it has split:
-    /// those below may still be due. [`Descent::leave_all`] does so.
+    /// Whether pairs are examined after the descent. The descent then does not leave the pairs that it has
+    /// split, since pairs below may still be due; [`Descent::leave_all`] does.
     const DEFERS: bool;
 
     /// Examines a pair, now or later, and reports its contacts with a weight. `decision` is
     /// [`Examine`](Decision::Examine), or [`ExamineToDecide`](Decision::ExamineToDecide), which is answered
-    /// now. `slot` is the pair's place in the front, unless it is not kept, and is then examined now.
+    /// now. `slot` is the pair's place in the front; a pair without one is examined now.
     fn examine(
         &mut self,
         decision: Decision,
@@ -39,32 +44,33 @@ pub(crate) trait Sink {
     ) -> Decision;
 }
 
-/// The tree of pairs of two bodies, and what a traversal of it needs.
+/// The tree of pairs of two bodies, with the workspace of its traversal.
 #[derive(Clone, Debug)]
 pub(crate) struct Descent {
     pub bodies: Bodies,
     pub front: Front,
     pub patch_query: PatchQuery,
-    /// Pairs to enter or [leave](LEAVE): slots of the front, with the weight of their contacts.
+    /// Pairs to enter or [leave](LEAVE): slots of the front with the weight of their contacts.
     stack: Vec<(u32, f64)>,
-    /// Pairs that the front has no room for: nodes, with the weight of their contacts.
+    /// Pairs that the front has no room for: nodes with the weight of their contacts.
     untracked: Vec<(u32, u32, f64)>,
 }
 
 impl Descent {
-    /// A descent of two bodies with room for a number of pairs at first, and for `most` of them in the front.
-    pub fn new(bodies: Bodies, pairs: usize, most: usize) -> Self {
+    /// Makes the descent of two bodies, with room for a number of pairs at first and for at most `limit` in
+    /// the front.
+    pub fn new(bodies: Bodies, pairs: usize, limit: usize) -> Self {
         let width = bodies.probe.path_width() + bodies.scene.path_width() + 1;
         Self {
             bodies,
-            front: Front::with_capacity(pairs, most),
+            front: Front::with_capacity(pairs, limit),
             patch_query: PatchQuery::default(),
             stack: Vec::with_capacity(2 * width),
             untracked: Vec::with_capacity(width),
         }
     }
 
-    /// Bytes of memory held.
+    /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         self.front.bytes()
             + self.stack.capacity() * size_of::<(u32, f64)>()
@@ -72,7 +78,7 @@ impl Descent {
             + self.patch_query.bytes()
     }
 
-    /// Sizes of the buffers, which show whether one has grown.
+    /// Capacities of the buffers, which show whether one has grown.
     pub fn capacities(&self) -> [usize; 4] {
         [self.stack.capacity(), self.untracked.capacity(), self.front.capacity(), self.patch_query.bytes()]
     }
@@ -91,7 +97,7 @@ impl Descent {
         self.patch_query.costs = QueryOutcome::default();
     }
 
-    /// Adds the costs of the descent, and the size of its front.
+    /// Adds the costs of the descent and the size of its front to an outcome.
     pub fn add_costs(&self, outcome: &mut QueryOutcome) {
         outcome.add(&self.patch_query.costs);
         outcome.front += self.front.len();
@@ -113,7 +119,7 @@ impl Descent {
             let from = self.stack.len();
             let due = self.front.below(entry).filter(|child| !self.front.is_valid(*child, &context.now));
             self.stack.extend(due.map(|child| (child, weight * share)));
-            // The first child is to be on top.
+            // The first child has to be on top.
             self.stack[from..].reverse();
             let high_water = &mut self.patch_query.costs.stack_high_water;
             *high_water = self.stack.len().max(*high_water);
@@ -136,8 +142,8 @@ impl Descent {
         }
     }
 
-    /// Tests a pair if it is due, and splits it if it has to be refined. Returns the part of its contact that
-    /// is left to the pairs that it is split into, if it is.
+    /// Tests a pair if it is due, and splits it if it has to be refined. If it is split, returns the share of
+    /// its contact that is left to the pairs below it.
     pub fn enter<S: Sink>(&mut self, slot: u32, weight: f64, sink: &mut S, context: &Context) -> Option<f64> {
         if self.front.is_valid(slot, &context.now) {
             return None;
@@ -165,7 +171,7 @@ impl Descent {
         Some(pair.refined_share)
     }
 
-    /// Decides about a pair, and has it examined if need be.
+    /// Decides about a pair and passes it to the sink if it has to be examined.
     fn test<S: Sink>(
         &mut self,
         pair: &mut Pair,
@@ -181,9 +187,9 @@ impl Descent {
         }
     }
 
-    /// Leaves a pair that is split, after all below it have been tested: it is due again with the first of
-    /// them, or when it may no longer be split. If none of them is split, and it has come out of reach
-    /// itself, they are joined.
+    /// Leaves a split pair, after all below it have been tested. It is due again with the first of them, or
+    /// when its split may no longer be right: recheck_at = min(min of the children's, split_valid_until). If
+    /// none of them is split and the pair itself has come out of reach, they are joined.
     fn leave(&mut self, slot: u32, context: &Context) {
         let (mut recheck_at, mut all_on_front) = (f64::INFINITY, true);
         for child in self.front.below(slot) {
@@ -201,8 +207,8 @@ impl Descent {
         self.front.set_recheck_at(slot, recheck_at);
     }
 
-    /// Joins the pairs below one that is not due until `recheck_at`, if that is far off and its bounding
-    /// hulls are out of reach.
+    /// Joins the pairs below one that is not due until `recheck_at`, if that is far enough ahead and its
+    /// bounding hulls are out of reach.
     fn join(&mut self, slot: u32, recheck_at: f64, context: &Context) -> bool {
         let pair = self.front.get(slot);
         if recheck_at <= context.now.motion_bound + JOIN_MARGIN * self.bodies.radii(&pair) {
@@ -220,7 +226,7 @@ impl Descent {
         apart
     }
 
-    /// Tests all pairs below one that the front has no room for. Nothing is kept of them, so all are due
+    /// Tests all pairs below one that the front has no room for. Their answers are not kept, so all are due
     /// again in the next query.
     fn run_untracked<S: Sink>(&mut self, pair: &Pair, weight: f64, sink: &mut S, context: &Context) {
         let exact = context.exact;
@@ -237,7 +243,7 @@ impl Descent {
                 self.patch_query.costs.front += 1;
             }
         }
-        // The pair itself is counted among those that are kept.
+        // The pair itself is already counted as part of the front.
         self.patch_query.costs.front -= 1;
     }
 }
@@ -277,13 +283,13 @@ mod tests {
         Shape::new(build(&mesh, &BuildOptions::default(), &mut unwatched).unwrap())
     }
 
-    /// A query by hand, with room for a number of pairs in its front.
+    /// A query with room for a number of pairs in its front.
     struct Query(Descent, Tracking, Report);
 
     impl Query {
-        fn new(shape: &Shape, most: usize) -> Self {
+        fn new(shape: &Shape, limit: usize) -> Self {
             let bodies = Bodies { probe: shape.clone(), scene: shape.clone() };
-            Self(Descent::new(bodies, 1, most), Tracking::default(), Report::with_capacity(0))
+            Self(Descent::new(bodies, 1, limit), Tracking::default(), Report::with_capacity(0))
         }
 
         fn run(&mut self, pose: &Pose, settings: &QuerySettings, deferred: bool) -> &Report {
@@ -302,9 +308,9 @@ mod tests {
         }
     }
 
-    /// However little room the front has, the contacts are those of a query with a whole front.
+    /// However little room the front has, the contacts are those of a query with a complete front.
     #[test]
-    fn pairs_without_room_are_found_all_the_same() {
+    fn contacts_do_not_depend_on_the_room_of_the_front() {
         let shape = ring();
         let exact = QuerySettings::new(0.05);
         let coarse = QuerySettings { error: 0.3.into(), ..exact };

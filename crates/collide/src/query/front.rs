@@ -1,19 +1,19 @@
 //! The bounding volume test tree (§3.4.2) down to its front, kept between queries.
 //!
 //! A pair of nodes is either on the front, or has been split into pairs with the children of one of its
-//! nodes. The answer of each is stored with the value of the [motion bound](crate::motion::Motion::bound) up
-//! to which it holds: what separates two hulls, beyond what would matter, is used up by motion alone. A pair
-//! that was split is due for a recheck as soon as one below it is, so that a query goes down to those that
-//! are due only.
+//! nodes. Each pair's answer is stored with the value of the [motion bound](crate::motion::Motion::bound) up
+//! to which it is valid: hulls that are apart by a margin stay so until the bodies have moved by the margin.
+//! A split pair is due for a recheck as soon as one below it is, so that a query descends only to pairs that
+//! are due.
 
 use super::context::Progress;
 use super::separating_axis::SeparatingAxis;
 use crate::convex::Distance;
 
-/// Index of a pair that is not there.
+/// Index that stands for no pair.
 const NO_PAIR: u32 = u32::MAX;
 
-/// A pair of nodes, with what the last query found out about it. Motion bounds are in m.
+/// A pair of nodes with the results of its last test. Motion bounds are in m.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair {
     /// Node of the probe.
@@ -22,15 +22,15 @@ pub(crate) struct Pair {
     pub b: u32,
     /// Motion bound at which the pair has to be tested again.
     pub recheck_at: f64,
-    /// Motion bound until which the refinement test, if it is made again, gives that the pair is split.
+    /// Motion bound until which the refinement test would split the pair again.
     pub split_valid_until: f64,
-    /// Motion bound until which its bounding hulls are in reach, as they were when last tested.
+    /// Motion bound until which its bounding hulls stay in reach.
     pub overlap_valid_until: f64,
-    /// Part of its contact, 0 to 1, that is left to the pairs that it is split into.
+    /// Share of its contact, 0 to 1, that is left to the pairs that it is split into.
     pub refined_share: f64,
     /// Whether it is split into others, rather than on the front.
     pub split: bool,
-    /// Whether it is out of reach, so that its answer holds whatever the error threshold is.
+    /// Whether it is out of reach, so that its answer is valid for any error threshold.
     pub out_of_reach: bool,
     /// Start of the next search for the nearest points.
     pub warm_start: WarmStart,
@@ -38,8 +38,7 @@ pub(crate) struct Pair {
     pub separating_axis: Option<SeparatingAxis>,
 }
 
-/// Vertices of two hulls from which a search for their nearest points starts: those between which they were
-/// last.
+/// Vertices of two hulls from which a search for their nearest points starts: those of the last search.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct WarmStart {
     vertices: [(u32, u32); 4],
@@ -49,7 +48,7 @@ pub(crate) struct WarmStart {
 }
 
 impl WarmStart {
-    /// The vertices of the nearest points that were found.
+    /// The vertices of the nearest points found.
     pub fn from_distance(found: &Distance, of_patches: bool) -> Self {
         let mut start = Self { of_patches, ..Self::default() };
         for (kept, vertex) in start.vertices.iter_mut().zip(found.simplex.vertices()) {
@@ -88,14 +87,14 @@ impl Pair {
     }
 }
 
-/// The part of a pair that a query reads while its answer holds: apart from the rest, so that many fit into a
-/// cache line.
+/// The part of a pair that a query reads while its answer is valid. It is stored apart from the rest, so that
+/// many fit into a cache line.
 #[derive(Clone, Copy, Debug)]
 struct Link {
     recheck_at: f64,
     /// First of the pairs that this one is split into, or [`NO_PAIR`] on the front.
     first_child: u32,
-    /// Next of the pairs that its parent is split into; of a spare slot, the next spare one.
+    /// Next of the pairs that its parent is split into; for a spare slot, the next spare one.
     next: u32,
 }
 
@@ -105,22 +104,24 @@ pub(crate) struct Front {
     pairs: Vec<Pair>,
     /// One for each pair.
     links: Vec<Link>,
-    /// First of the slots that were freed, a list by [`Link::next`].
+    /// First of the freed slots, a list by [`Link::next`].
     spare: u32,
-    /// Number of pairs, and of those that are split.
+    /// Number of pairs.
     used: usize,
+    /// Number of pairs that are split.
     split: usize,
+    /// Largest number of pairs held at once.
     high_water: usize,
-    /// Most pairs that it may hold.
-    most: usize,
+    /// Largest number of pairs allowed.
+    limit: usize,
 }
 
 impl Front {
     /// The slot of the pair of roots.
     pub const ROOT: u32 = 0;
 
-    /// An empty tree of at most `most` pairs, with room for a number of them.
-    pub fn with_capacity(pairs: usize, most: usize) -> Self {
+    /// An empty tree of at most `limit` pairs, with room for a number of them.
+    pub fn with_capacity(pairs: usize, limit: usize) -> Self {
         Self {
             pairs: Vec::with_capacity(pairs),
             links: Vec::with_capacity(pairs),
@@ -128,7 +129,7 @@ impl Front {
             used: 0,
             split: 0,
             high_water: 0,
-            most,
+            limit,
         }
     }
 
@@ -136,7 +137,7 @@ impl Front {
         self.pairs.capacity().min(self.links.capacity())
     }
 
-    /// Bytes of memory held.
+    /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         self.pairs.capacity() * size_of::<Pair>() + self.links.capacity() * size_of::<Link>()
     }
@@ -146,12 +147,12 @@ impl Front {
         self.used - self.split
     }
 
-    /// Most pairs held at once.
+    /// Largest number of pairs held at once.
     pub fn high_water(&self) -> usize {
         self.high_water
     }
 
-    /// Forgets all pairs but one, the roots'.
+    /// Removes all pairs except that of the roots.
     pub fn reset(&mut self, roots: Pair) {
         self.pairs.clear();
         self.links.clear();
@@ -169,7 +170,7 @@ impl Front {
         Pair { recheck_at: self.recheck_at(slot), ..self.pairs[slot as usize] }
     }
 
-    /// Changes what is known of a pair, but not whether it is split.
+    /// Stores the results of a pair's test; whether it is split does not change.
     pub fn set(&mut self, slot: u32, pair: Pair) {
         self.pairs[slot as usize] = Pair { split: self.is_split(slot), ..pair };
         self.links[slot as usize].recheck_at = pair.recheck_at;
@@ -184,20 +185,20 @@ impl Front {
         self.links[slot as usize].recheck_at = recheck_at;
     }
 
-    /// Whether a pair's answer still holds.
+    /// Whether a pair's answer is still valid.
     pub fn is_valid(&self, slot: u32, now: &Progress) -> bool {
         self.recheck_at(slot) > now.motion_bound
             && (!now.threshold_changed || self.pairs[slot as usize].out_of_reach)
     }
 
-    /// The part of its contact that a pair leaves to those that it is split into, if it would be split again.
+    /// The share of its contact that a split pair leaves to those below it, if it would be split again.
     pub fn valid_split(&self, slot: u32, now: &Progress) -> Option<f64> {
         let pair = &self.pairs[slot as usize];
         let valid = pair.split && pair.split_valid_until > now.motion_bound && !now.threshold_changed;
         valid.then_some(pair.refined_share)
     }
 
-    /// The motion bounds until which a pair would be split again, and until which its bounding hulls are in
+    /// The motion bounds until which a pair would be split again, and until which its bounding hulls stay in
     /// reach, m.
     pub fn split_and_overlap_valid_until(&self, slot: u32) -> (f64, f64) {
         let pair = &self.pairs[slot as usize];
@@ -216,9 +217,9 @@ impl Front {
         })
     }
 
-    /// Splits a pair into others; `false`, and nothing done, if there would be too many.
+    /// Splits a pair into others; returns `false` without a change if there would be too many.
     pub fn split(&mut self, slot: u32, into: impl ExactSizeIterator<Item = Pair>) -> bool {
-        if self.used + into.len() > self.most {
+        if self.used + into.len() > self.limit {
             return false;
         }
         let mut first = NO_PAIR;
@@ -242,7 +243,7 @@ impl Front {
         true
     }
 
-    /// Undoes the split of a pair, and of those below it.
+    /// Undoes the split of a pair and of those below it.
     pub fn join(&mut self, slot: u32) {
         let first = std::mem::replace(&mut self.links[slot as usize].first_child, NO_PAIR);
         if first == NO_PAIR {
@@ -250,7 +251,7 @@ impl Front {
         }
         self.pairs[slot as usize].split = false;
         self.split -= 1;
-        // The pairs to be freed are a list; what one is split into is put before the rest.
+        // The pairs to be freed form a list; the children of each are inserted before the rest.
         let mut list = first;
         while list != NO_PAIR {
             let slot = list as usize;
@@ -271,7 +272,7 @@ impl Front {
         }
     }
 
-    /// Adapts all answers to a motion bound that counts from zero again, where it was `bound`, m.
+    /// Subtracts a motion bound (m), which counts from zero again, from all answers.
     pub fn rebase(&mut self, bound: f64) {
         for (pair, link) in self.pairs.iter_mut().zip(&mut self.links) {
             for at in [&mut link.recheck_at, &mut pair.split_valid_until, &mut pair.overlap_valid_until] {
@@ -292,7 +293,7 @@ mod tests {
         (0..count as usize).map(|index| Pair::new(index as u32, 0))
     }
 
-    /// The same tree, kept as plain lists of children.
+    /// Number of leaves of the same tree, kept as plain lists of children.
     fn leaves(children: &std::collections::HashMap<u32, Vec<u32>>, slot: u32) -> usize {
         children.get(&slot).map_or(1, |below| below.iter().map(|child| leaves(children, *child)).sum())
     }
@@ -305,7 +306,7 @@ mod tests {
         let mut children = std::collections::HashMap::<u32, Vec<u32>>::new();
         let mut joined = 0;
         for step in 0..5000 {
-            // A random walk down from the root, so that pairs on all heights are joined.
+            // A random walk down from the root, so that pairs on all levels are joined.
             let mut slot = Front::ROOT;
             while let Some(below) = children.get(&slot).filter(|_| rng.random_bool(0.85)) {
                 slot = below[rng.random_range(0..below.len())];
@@ -324,7 +325,7 @@ mod tests {
                 let count = rng.random_range(1..6);
                 if front.split(slot, pairs(count)) {
                     let below: Vec<u32> = front.below(slot).collect();
-                    // The last of those that it is split into comes first.
+                    // The last child comes first.
                     let nodes: Vec<u32> = below.iter().map(|child| front.get(*child).a).collect();
                     assert_eq!(nodes, (0..count).rev().collect::<Vec<_>>(), "step {step}");
                     children.insert(slot, below);
@@ -333,15 +334,18 @@ mod tests {
             assert_eq!(front.len(), leaves(&children, Front::ROOT), "step {step}");
             assert_eq!((front.get(Front::ROOT).a, front.get(Front::ROOT).b), (7, 9));
         }
-        let most = front.high_water();
-        assert!(joined > 100 && most > 200 && most <= 500, "{joined} joined, {most} pairs at once");
+        let high_water = front.high_water();
+        assert!(
+            joined > 100 && high_water > 200 && high_water <= 500,
+            "{joined} joined, {high_water} pairs at once"
+        );
         front.reset(Pair::new(0, 0));
         assert_eq!(front.len(), 1);
         assert!(!front.is_split(Front::ROOT));
     }
 
     #[test]
-    fn a_full_front_refuses_a_split_and_stays_as_it_is() {
+    fn a_full_front_refuses_a_split_without_a_change() {
         let mut front = Front::with_capacity(1, 4);
         front.reset(Pair::new(0, 0));
         assert!(front.split(Front::ROOT, pairs(3)));
@@ -349,11 +353,11 @@ mod tests {
         assert!(!front.split(child, pairs(1)) && !front.is_split(child));
         assert_eq!((front.len(), front.high_water()), (3, 4));
         front.join(Front::ROOT);
-        assert!(front.split(Front::ROOT, pairs(3)), "what is joined makes room");
+        assert!(front.split(Front::ROOT, pairs(3)), "joined pairs make room");
     }
 
     #[test]
-    fn answers_hold_until_the_bodies_have_moved_that_far() {
+    fn answers_are_valid_until_the_motion_bound() {
         let mut front = Front::with_capacity(4, 4);
         let root = Pair { recheck_at: 1.0, split_valid_until: 2.0, ..Pair::new(0, 0) };
         front.reset(root);
@@ -374,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rebased_front_holds_as_long_as_before() {
+    fn a_rebased_front_is_valid_for_as_long_as_before() {
         let mut front = Front::with_capacity(4, 8);
         front.reset(Pair { recheck_at: 5.0, ..Pair::new(0, 0) });
         front.split(

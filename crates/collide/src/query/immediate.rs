@@ -1,4 +1,4 @@
-//! Pairs that are examined as soon as the descent comes to them.
+//! Immediate examination: pairs are examined as soon as the descent reaches them.
 
 use super::bodies::{Bodies, Decision};
 use super::context::Context;
@@ -7,7 +7,7 @@ use super::front::Pair;
 use super::outcome::Report;
 use super::patch_query::PatchQuery;
 
-/// Examines pairs at once, and reports their contacts in the order of the descent.
+/// Sink that examines pairs at once and reports their contacts in the order of the descent.
 #[derive(Debug)]
 pub(crate) struct Immediate<'r>(pub &'r mut Report);
 

@@ -1,4 +1,4 @@
-//! Error metrics (§3.4.3): how large the threshold s₀ on the weighted surface deviation s* is at a contact.
+//! Error metrics (§3.4.3): the threshold s₀ on the weighted surface deviation s* at a contact.
 
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
@@ -8,28 +8,28 @@ use crate::error::QueryError;
 /// The threshold s₀, by any combination of metrics. A plain length converts to the haptic metric alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ErrorMetrics {
-    /// Haptic: s₀ itself, m. §3.5.2 finds 2.5 to 5 % of the objects' radii unnoticed.
+    /// Haptic metric: s₀ itself, m. §3.5.2 finds 2.5 to 5 % of the objects' radii unnoticed.
     pub haptic: Option<f64>,
-    /// Velocity-dependent: s₀ grows with how fast the surfaces move relative to one another.
+    /// Velocity-dependent metric: s₀ grows with the relative speed of the surfaces.
     pub velocity: Option<VelocityMetric>,
-    /// View-dependent: s₀ is what a number of pixels shows at the contact.
+    /// View-dependent metric: s₀ is the size of a number of pixels at the contact.
     pub view: Option<ViewMetric>,
-    /// Which of several applies.
+    /// Rule by which several metrics are combined.
     pub combination: Combination,
 }
 
 /// The rule by which several metrics are combined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Combination {
-    /// The smallest s₀: detail is left out where no metric would show it.
+    /// The smallest s₀: detail is left out if all metrics allow it.
     #[default]
     Strictest,
-    /// The largest s₀: detail is left out where any metric allows it.
+    /// The largest s₀: detail is left out if any metric allows it.
     Loosest,
 }
 
-/// s₀ is the distance by which the surfaces slide past one another in a time: a gap is less noticeable the
-/// faster they move.
+/// Metric with the distance by which the surfaces slide past one another in a time as s₀: the faster they
+/// move, the less noticeable a gap is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VelocityMetric {
     /// s₀ over the relative speed at the contact, s.
@@ -38,7 +38,7 @@ pub struct VelocityMetric {
     pub twist: Twist,
 }
 
-/// s₀ = N l f / (n i) (Eq. 3.8).
+/// Metric with s₀ = N l f / (n i) (Eq. 3.8).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewMetric {
     /// N: admissible error on the screen, pixels.
@@ -64,19 +64,19 @@ impl ErrorMetrics {
     pub const EXACT: Self =
         Self { haptic: None, velocity: None, view: None, combination: Combination::Strictest };
 
-    /// Whether s₀ is 0 everywhere, which asks for full resolution: no metric, or an error of 0.
+    /// Whether s₀ is 0 everywhere, which means full resolution: no metric, or an error of 0.
     pub fn is_exact(&self) -> bool {
         let one = matches!(self.haptic, None | Some(0.0));
         let others = self.velocity.is_none() && self.view.is_none();
         one && (others || (self.haptic.is_some() && self.combination == Combination::Strictest))
     }
 
-    /// Whether s₀ is the same everywhere and always.
+    /// Whether s₀ is the same at all contacts and at all times.
     pub(crate) fn is_constant(&self) -> bool {
         self.is_exact() || (self.velocity.is_none() && self.view.is_none())
     }
 
-    /// Checks that all numbers are finite, and none is negative, or zero, where it must not be.
+    /// Checks that all numbers are finite and none is negative, or zero if it must be positive.
     pub(crate) fn check(&self) -> Result<(), QueryError> {
         let length = |x: f64| x.is_finite() && x >= 0.0;
         let velocity = |v: VelocityMetric| length(v.time) && v.twist.is_finite();

@@ -1,17 +1,17 @@
-//! Results and costs of a query; contacts beyond the most that it reports are dropped here.
+//! Results and costs of a query. Contacts beyond the largest number that it reports are dropped here.
 
 use palpate_core::{Contact, Pose};
 
 use crate::contact::{PatchContact, to_world};
 
-/// Most contacts that a query reports, some 100 MB. Beyond them the shallowest are dropped and counted
-/// ([`QueryOutcome::dropped`]).
+/// Largest number of contacts that a query reports, some 100 MB. Beyond it the shallowest are dropped and
+/// counted ([`QueryOutcome::dropped`]).
 pub const MAX_CONTACTS: usize = 1 << 20;
 
 /// Results and costs of a query.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QueryOutcome {
-    /// Number of contacts found, those that were [dropped](Self::dropped) included.
+    /// Number of contacts found, including those that were [dropped](Self::dropped).
     pub contacts: usize,
     /// Smallest separation distance within the tolerance, m; 0 when something penetrates, `None` without
     /// contacts.
@@ -19,43 +19,42 @@ pub struct QueryOutcome {
     /// Largest depth δ, m: negative when all contacts are separated; `None` without contacts.
     pub deepest: Option<f64>,
     /// Number of contacts that were dropped because there were more than [`MAX_CONTACTS`]. Each is shallower
-    /// than half of that many that are reported, which are then in no particular order. Ask for a smaller
-    /// tolerance.
+    /// than at least half of that many that are reported, which are then in no particular order. A smaller
+    /// tolerance finds fewer.
     pub dropped: usize,
-    /// Number of pairs of nodes tested: those that the bodies' motion had made due, and those that they were
+    /// Number of pairs of nodes tested: those that were due by the bodies' motion, and those that they were
     /// split into, with their bounding spheres within reach.
     pub visited: usize,
-    /// Size of the front of the bounding volume test tree (§3.4.2): pairs at which the descent ended, being
-    /// out of reach, or examined for contacts.
+    /// Size of the front of the bounding volume test tree (§3.4.2): pairs at which the descent ended because
+    /// they are out of reach or were examined for contacts.
     pub front: usize,
     /// Number of pairs among them that were examined for contacts: of leaves, or of nodes whose missing
     /// detail is below the threshold.
     pub leaf_pairs: usize,
-    /// Number of convex queries made, pairs of triangles included.
+    /// Number of convex queries made, including those of pairs of triangles.
     pub convex_queries: usize,
-    /// Number of convex queries whose answer may be off by more than the precision. Such pairs are never
+    /// Number of convex queries whose error may exceed the precision. Such pairs are never
     /// dropped.
     pub not_converged: usize,
     /// Number of pairs of patches that had to be decided triangle by triangle.
     pub by_triangles: usize,
-    /// Most pairs that waited on the stack at once.
+    /// Largest number of pairs that waited on the stack at once.
     pub stack_high_water: usize,
-    /// Most pairs, on and above the front, that were kept at once, by this query or any before.
+    /// Largest number of pairs, on and above the front, that were kept at once, in this query or any before.
     pub front_high_water: usize,
-    /// Whether there were more pairs than [`MAX_PAIRS`](crate::MAX_PAIRS), so that the front is not kept as a
-    /// whole. The answer is the same, but the next query starts higher up.
+    /// Whether there were more pairs than [`MAX_PAIRS`](crate::MAX_PAIRS), so that the front is only partly
+    /// kept. The answer is the same, but the next query starts higher up.
     pub front_overflow: bool,
-    /// Whether a time-critical query had to stop before all was fine enough.
+    /// Whether a time-critical query had to stop before all pairs were fine enough.
     pub out_of_budget: bool,
-    /// Largest s*/s₀ that a time-critical query stopped at. Where s₀ is 0, it only says whether there was any.
+    /// Largest s*/s₀ at which a time-critical query stopped. If s₀ is 0, it only shows whether there was any.
     pub worst_deviation: f64,
-    /// Whether a buffer grew during this query: it was larger than any before.
+    /// Whether a buffer grew during this query, which was larger than any before.
     pub reallocated: bool,
 }
 
 impl QueryOutcome {
-    /// Adds what another query found and what it cost: sums, and the largest (of the distance the smallest)
-    /// values.
+    /// Adds the results and costs of another query: sums, largest values, and the smallest distance.
     pub(crate) fn add(&mut self, other: &Self) {
         let either = |x: Option<f64>, y: Option<f64>, of: fn(f64, f64) -> f64| match (x, y) {
             (Some(x), Some(y)) => Some(of(x, y)),
@@ -120,10 +119,10 @@ impl Report {
     }
 }
 
-/// Keeps the deeper half of some contacts, in no particular order. Returns how many are dropped. Does not
-/// allocate.
+/// Keeps the deeper half of some contacts, in no particular order. Returns the number of dropped ones. Does
+/// not allocate.
 ///
-/// Halves, rather than one at a time, so that each contact costs a constant time on average.
+/// Half of the contacts are dropped at once, so that each contact costs a constant time on average.
 fn drop_shallower_half(contacts: &mut Vec<PatchContact>) -> usize {
     let kept = contacts.len() / 2;
     contacts.select_nth_unstable_by(kept, |x, y| y.contact.depth.total_cmp(&x.contact.depth));

@@ -1,20 +1,19 @@
-//! The contact between two patches whose hulls overlap: a direction that real surface can be pushed out
-//! along, and the penetration depth along it.
+//! The contact between two patches whose hulls overlap: a direction along which real surface can be pushed
+//! out, and the penetration depth along it.
 //!
-//! §3.4.1 takes the localized penetration depth of the two convex pieces. Of the directions that could
-//! separate two hulls, only those count whose features are real surface facing the other object; a hull's
-//! virtual faces would often offer a shorter but meaningless depth, sideways or backwards through a thin
-//! patch. The expanding polytope gives the least depth of all. If its features are not real, the normals of
-//! real faces are tried and, of patches of a few triangles, the common normals of two real edges that support
-//! their hulls there (the separating axis theorem).
+//! §3.4.1 takes the localized penetration depth of the two convex pieces. A direction that separates two
+//! hulls counts only if its features are real surface facing the other object; a hull's virtual faces would
+//! often have a shorter but meaningless depth, sideways or backwards through a thin patch. The expanding
+//! polytope gives the least depth of all directions. If its features are not real, the normals of real faces
+//! are tried and, for patches of a few triangles, the common normals of two real edges that support their
+//! hulls there (the separating axis theorem).
 //!
 //! The depth through real faces only may be much larger than the least one: a peg that touches a plate from
 //! above touches the hull of the plate's rim too, whose real faces are at its far sides. So the depth
-//! reported is never more than the least one. It is then never more than what separates the two solids
-//! either, and grows from 0.
+//! reported is at most the least one. It is then at most the depth of the two solids too, and grows from 0.
 //!
-//! The depth is that of the two patches only. Where an object has sunk in by more than a patch is thick, it
-//! is a lower bound on the distance to the surface.
+//! The depth is that of the two patches only. If an object penetrates by more than the thickness of a patch,
+//! it is a lower bound on the distance to the surface.
 
 use std::iter;
 
@@ -28,23 +27,24 @@ use crate::tolerances::{ACCEPTED_DEPTH_GAP, COMMON_NORMAL, FACING, SAME_CONTACT}
 
 /// Largest product of triangle counts of two patches whose edges' common normals are tried.
 const EDGE_TEST_TRIANGLE_PAIRS: usize = 16;
-/// Most vertices of either patch for that.
+/// Largest number of vertices of either patch for the edge test.
 const EDGE_TEST_VERTICES: usize = 24;
 
 /// Number of planes of a patch that there is room for at first: patches have at most a few hundred.
 const PLANES: usize = 256;
 
-/// The best direction so far: first by whether both sides face each other, then by depth.
+/// The best direction so far: directions along which both sides face each other come first, then the least
+/// depth.
 struct Best {
     /// Unit normal out of a, and depth, m.
     direction: Option<(DVec3, f64)>,
     facing: bool,
-    /// Difference up to which depths are equal, and the earlier one stays, m.
+    /// Difference up to which depths are equal, and the earlier direction stays, m.
     precision: f64,
 }
 
 impl Best {
-    /// Whether a direction with at least this depth, m, could be better.
+    /// Whether a direction with at least a depth (m) could be better.
     fn may_improve(&self, depth: f64) -> bool {
         !self.facing || self.direction.is_none_or(|(_, best)| depth < best)
     }
@@ -78,7 +78,7 @@ impl Default for Workspace {
 }
 
 impl Workspace {
-    /// Bytes of memory held, but for the polytope, whose size is fixed.
+    /// Memory held, bytes, without the polytope, whose size is fixed.
     pub fn bytes(&self) -> usize {
         self.planes.capacity() * size_of::<Plane>()
     }
@@ -88,14 +88,14 @@ impl Workspace {
 pub(crate) struct Overlap {
     /// The contact, in a's frame.
     pub contact: Contact,
-    /// Whether the least depth is exact, to the precision or nearly.
+    /// Whether the least depth is exact to within [`ACCEPTED_DEPTH_GAP`].
     pub converged: bool,
-    /// Vertices to start from the next time.
+    /// Vertices that the next search starts from.
     pub tetrahedron: [(u32, u32); 4],
 }
 
-/// The contact between patches whose hulls overlap or touch, as `found`, in a's frame. A contact no deeper
-/// than the looseness is put where they do.
+/// Finds the contact between patches whose hulls overlap or touch, as `found`, in a's frame. The point of a
+/// contact no deeper than the looseness is where the hulls touch.
 pub(crate) fn overlap(
     a: &Patch,
     b: &Patch,
@@ -113,7 +113,7 @@ pub(crate) fn overlap(
     let start = &start[..found.simplex.vertices().len()];
     let least = polytope.penetration(&a.hull, &b.hull, placement, start, precision);
     let sides = if least.flat { [least.normal, -least.normal] } else { [least.normal; 2] };
-    // A face of the hull stands for the triangles that it was built for.
+    // A face of the hull represents the triangles that it was built from.
     let near = [precision + looseness, 0.0];
     for normal in sides {
         if best.facing {
@@ -135,7 +135,7 @@ pub(crate) fn overlap(
             edges(a, b, placement, &mut best);
         }
     }
-    // Only triangles without area leave no real direction at all.
+    // If all triangles have no area, there is no real direction.
     let (normal, depth) = best.direction.unwrap_or((least.normal, least.depth));
     let depth = depth.min(least.depth).max(0.0);
     // The points of the least depth lie where the hulls overlap; a face's deepest point may be anywhere on
@@ -150,9 +150,9 @@ pub(crate) fn contact_at(point: DVec3, normal: DVec3, depth: f64) -> Contact {
     Contact { point, scene_point: point - depth * normal, normal, depth }
 }
 
-/// Tries the normals of both patches' triangles. The depth along one is how far the other hull reaches below
-/// the triangle's plane, which is at least as far as the points of that hull that are known: one that both
-/// hulls share, one of its own, and those found for planes before. So most planes need not be tried; the one
+/// Tries the normals of both patches' triangles. The depth along a normal is that of the other hull's deepest
+/// point below the triangle's plane. It is at least that of the known points of the hull: one that both hulls
+/// share, one of its own, and those found for planes before. So most planes need not be tried; the one
 /// nearest to the points comes first.
 fn faces(
     a: &Patch,
@@ -178,9 +178,9 @@ fn faces(
     });
 }
 
-/// Calls `attempt` with the normals of a patch's triangles, both of them where it has two sides, and how far
-/// its hull reaches along each, as long as that leaves it a chance, given some points of the other hull. It
-/// returns another one. All in the patch's frame.
+/// Calls `attempt` with the normals of a patch's triangles (both, if it has two sides) and the extent of its
+/// hull along each, unless known points of the other hull show that the direction cannot be better. `attempt`
+/// returns another point of the other hull. All in the patch's frame.
 fn each_plane(
     patch: &Patch,
     planes: &mut Vec<Plane>,
@@ -199,8 +199,8 @@ fn each_plane(
     });
     for side in sides {
         let planes = || planes.iter().map(|plane| (side * plane.normal, side * plane.offset));
-        // As far as the plane, and a little further where the patch is convex up to a tolerance; on its other
-        // side, much.
+        // The extent is that of the plane, a little more if the patch is convex only up to a tolerance, and
+        // much more on its other side.
         let top = |normal: DVec3, offset: f64| patch.hull.end(normal).max(offset);
         let deep =
             |(normal, offset): (DVec3, f64)| (offset - normal.dot(p).min(normal.dot(q)), normal, offset);
@@ -209,7 +209,7 @@ fn each_plane(
         let mut known = [p, q, attempt(best, normal, top(normal, offset)), p];
         for (normal, offset) in planes() {
             let lowest = known.iter().map(|point| normal.dot(*point)).fold(f64::INFINITY, f64::min);
-            // The depth is known to rounding only.
+            // Depths are compared up to rounding.
             let least = lowest + best.precision;
             if best.may_improve(offset - least) {
                 let top = top(normal, offset);
@@ -254,7 +254,8 @@ fn edges(a: &Patch, b: &Patch, placement: &Placement, best: &mut Best) {
                             continue;
                         }
                         let (edge_a, edge_b) = (normal.dot(p), normal.dot(r));
-                        // No vertex of a lies beyond its edge along the normal, and none of b before its own.
+                        // The normal supports both hulls: no vertex of a lies beyond a's edge, none of b
+                        // before b's.
                         let supports = a.hull.all_points(|v| normal.dot(v) <= edge_a + best.precision)
                             && placed.iter().all(|v| normal.dot(*v) >= edge_b - best.precision);
                         if supports {

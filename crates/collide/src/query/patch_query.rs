@@ -1,20 +1,20 @@
 //! Contacts between two patches (§3.4.1, §5.4.1): of leaves, or of coarser nodes whose missing detail is not
 //! felt.
 //!
-//! Separated hulls: the nearest points are a contact when both lie on real surface facing the other object.
+//! Separated hulls: the nearest points are a contact if both lie on real surface facing the other object.
 //! If one lies on a virtual face and both hulls are contained in their solids, the segment between the points
 //! leaves a solid through a neighbouring patch that is closer, and the pair is dropped. Otherwise, or when
-//! parallel features leave the nearest points undetermined, the triangles themselves decide.
+//! parallel features leave the nearest points undetermined, the pair is decided by its triangles.
 //!
-//! Patches are convex, and contained, only up to the tolerance they were built with. Wherever that could
-//! decide (a nearest point that misses the triangles by no more, features that are parallel to within it,
-//! hulls that overlap by no more) the triangles decide as well.
+//! Patches are convex, and contained, only up to the tolerance that they were built with. Pairs for which
+//! this could matter (a nearest point that misses the triangles by no more, features that are parallel to
+//! within it, hulls that overlap by no more) are decided by their triangles as well.
 //!
-//! Overlapping hulls: when both are contained, so do the solids, and [`overlap`](super::overlap) finds the
-//! contact; if they only touch, they may do so in virtual faces, far from any triangle, and the triangles
-//! decide. When one is not contained the patches must truly touch first: a triangle of one must intersect a
-//! triangle of the other, or the other's hull if that is contained. If not, pairs of triangles within the
-//! tolerance are separated contacts.
+//! Overlapping hulls: if both are contained, the solids overlap too, and [`overlap`](super::overlap) finds
+//! the contact; if the hulls only touch, they may touch in virtual faces, far from any triangle, and the
+//! triangles decide. If one is not contained, the patches themselves have to touch: a triangle of one must
+//! intersect a triangle of the other, or the other's hull if that is contained. If not, pairs of triangles
+//! within the tolerance are separated contacts.
 //!
 //! Of the pairs of triangles only local minima are reported: those whose nearest points are not closer to
 //! another triangle of the same patch.
@@ -39,12 +39,12 @@ pub(crate) struct PatchQuery {
     overlap: Workspace,
     /// Contacts of the pair, in the probe's frame.
     pub contacts: Vec<Contact>,
-    /// Vertices to start from the next time, if the hulls overlap.
+    /// Vertices that the next search starts from, if the hulls overlap.
     pub tetrahedron: Option<[(u32, u32); 4]>,
     /// Pairs of triangles within the tolerance: contact, and the triangle of each patch.
     near: Vec<(Contact, u32, u32)>,
     in_reach: InReach,
-    /// The pair of triangles that is closest of those examined last, whichever way they face: its distance,
+    /// The closest pair of triangles of those examined last, facing each other or not: its distance,
     /// m, and its point on a. The distance is infinite if none is within the tolerance.
     nearest: (f64, DVec3),
     /// Costs so far.
@@ -66,7 +66,7 @@ impl Default for PatchQuery {
 }
 
 impl PatchQuery {
-    /// Bytes of memory held, but for the polytope, whose size is fixed.
+    /// Memory held, bytes, without the polytope, whose size is fixed.
     pub fn bytes(&self) -> usize {
         self.contacts.capacity() * size_of::<Contact>()
             + self.near.capacity() * size_of::<(Contact, u32, u32)>()
@@ -74,12 +74,12 @@ impl PatchQuery {
             + self.overlap.bytes()
     }
 
-    /// Finds the contacts of a pair of patches, given the distance between their hulls. They are left in
+    /// Finds the contacts of a pair of patches, given the distance between their hulls, and leaves them in
     /// [`contacts`](Self::contacts).
     pub fn run(&mut self, a: &Patch, b: &Patch, found: &Distance, pair: &PairContext) {
         self.contacts.clear();
         self.tetrahedron = None;
-        // The hull of an open patch that is not flat holds space that is inside of nothing: only its
+        // The hull of an open patch that is not flat contains space that is not inside any solid: only its
         // triangles count.
         let open = (a.two_sided && !a.is_single_triangle()) || (b.two_sided && !b.is_single_triangle());
         match found.separation {
@@ -99,15 +99,15 @@ impl PatchQuery {
         }
     }
 
-    /// The contact of two contained hulls that overlap.
+    /// Finds the contact of two contained hulls that overlap.
     fn contained_overlap(&mut self, a: &Patch, b: &Patch, found: &Distance, pair: &PairContext) {
         self.penetrating(a, b, found, pair);
         let shallow = self.contacts.iter().all(|c| c.depth <= pair.looseness);
         if !shallow || (a.is_single_triangle() && b.is_single_triangle()) {
             return;
         }
-        // If the triangles are apart, their distances replace the contact. Hulls may touch where they are
-        // virtual; the contact is where the triangles do.
+        // If the triangles are apart, their distances replace the contact. Hulls may touch in virtual faces;
+        // the contact is put where the triangles touch.
         let touching = self.contacts.pop();
         let towards_b = touching.map_or(DVec3::ZERO, |contact| contact.normal);
         let penetrating = self.triangles(a, b, towards_b, pair);
@@ -117,7 +117,7 @@ impl PatchQuery {
         }
     }
 
-    /// The contact at the nearest points of two hulls that are apart, if these lie on real surface.
+    /// Finds the contact at the nearest points of two hulls that are apart, if these lie on real surface.
     fn nearest_points(&mut self, a: &Patch, b: &Patch, found: &Distance, pair: &PairContext) {
         let (on_a, on_b) = witnesses(a, b, found);
         let (contact, slack) = separated(on_a, pair.placement.point(on_b), found.axis, pair.precision);
@@ -160,8 +160,8 @@ impl PatchQuery {
         self.tetrahedron = Some(overlap.tetrahedron);
     }
 
-    /// Decides the pair by its triangles, given a vector from a to b, which is that of the contact if it is
-    /// known. `true` if the patches penetrate; otherwise the separated contacts are reported.
+    /// Decides the pair by its triangles, given a vector from a to b, which is the contact's normal if that
+    /// is known. Returns `true` if the patches penetrate; otherwise the separated contacts are reported.
     fn triangles(&mut self, a: &Patch, b: &Patch, towards_b: DVec3, pair: &PairContext) -> bool {
         self.costs.by_triangles += 1;
         self.near.clear();
@@ -190,7 +190,7 @@ impl PatchQuery {
         false
     }
 
-    /// Notes the contact of two triangles in pair. `true` if they intersect.
+    /// Stores the contact of two triangles within reach. Returns `true` if they intersect.
     fn triangle_pair(&mut self, a: &Patch, b: &Patch, on_a: usize, on_b: usize, pair: &PairContext) -> bool {
         let (on_a, on_b) = (&self.in_reach.of_a[on_a], &self.in_reach.of_b[on_b]);
         let (i, j, axis) = (on_a.index, on_b.index, on_a.ball.center - on_b.ball.center);
@@ -219,7 +219,8 @@ impl PatchQuery {
         false
     }
 
-    /// Whether a triangle of the patch that is not contained lies (partly) inside the hull of the one that is.
+    /// Whether a triangle of the patch that is not contained lies (partly) inside the hull of the one that
+    /// is.
     fn sunk(&mut self, a: &Patch, b: &Patch, pair: &PairContext) -> bool {
         let touching = PairContext { tolerance: 0.0, ..*pair };
         let (loose, hull_is_a) = if a.contained { (b, true) } else { (a, false) };
@@ -259,20 +260,13 @@ fn ambiguous(a: &Patch, b: &Patch, normal: DVec3, pair: &PairContext) -> bool {
     let on_b = || {
         Feature::of(&b.hull, -placement.direction_to_b(normal), FEATURE_HEIGHT * b.radius + pair.looseness)
     };
-    // The feature of the smaller hull is found sooner, and may decide.
-    let (on_a, on_b) = if a.hull.len() <= b.hull.len() {
-        let on_a = on_a();
-        if matches!(on_a, Feature::Vertex) {
-            return false;
-        }
-        (on_a, on_b())
-    } else {
-        let on_b = on_b();
-        if matches!(on_b, Feature::Vertex) {
-            return false;
-        }
-        (on_a(), on_b)
-    };
+    // The smaller hull's feature is found faster and comes first: a vertex decides.
+    let first_is_a = a.hull.len() <= b.hull.len();
+    let first = if first_is_a { on_a() } else { on_b() };
+    if matches!(first, Feature::Vertex) {
+        return false;
+    }
+    let (on_a, on_b) = if first_is_a { (first, on_b()) } else { (on_a(), first) };
     match (on_a, on_b) {
         (Feature::Vertex, _) | (_, Feature::Vertex) => false,
         (Feature::Edge(u), Feature::Edge(v)) => u.cross(placement.direction(v)).length() < PARALLEL_EDGES,
@@ -283,7 +277,7 @@ fn ambiguous(a: &Patch, b: &Patch, normal: DVec3, pair: &PairContext) -> bool {
 /// The feature of a hull that lies furthest in a direction.
 enum Feature {
     Vertex,
-    /// With its unit direction.
+    /// An edge with its unit direction.
     Edge(DVec3),
     Face,
 }

@@ -1,16 +1,15 @@
-//! Whether the detail that a pair of nodes leaves out would be felt (§3.4.3).
+//! The refinement test: whether the detail that a pair of nodes leaves out would be felt (§3.4.3).
 //!
-//! What is left out of a node is as large as φ = s/r² (Eq. 3.6), a volume: its deviation from the mesh, times
-//! the area that one of its samples stands for. It is averaged over the area of contact, for which the
-//! support area D of the nearest points stands: s* = max(φ_a, φ_b) / max(D_a, D_b) (Eq. 3.7). Where s* is
-//! above the threshold s₀ the pair has to be refined.
+//! The missing detail of a node has the volume φ = s/r² (Eq. 3.6): its deviation from the mesh times
+//! the area of one of its samples. It is averaged over the area of contact, which is estimated by the
+//! support area D of the nearest points: s* = max(φ_a, φ_b) / max(D_a, D_b) (Eq. 3.7). If s* is
+//! above the threshold s₀, the pair has to be refined.
 //!
-//! D is interpolated at the nearest points (§3.4.3), which are only searched for where the least and the
-//! largest D of the nodes' vertices do not decide already. Patches that overlap have no nearest points, and
-//! where they are further apart than d these are no contact: there it is the mean D of each patch, and it
-//! goes over to that before either happens. (With the mean everywhere, jaws took three quarters of the time
-//! at s₀ = 2.5 %, and forces between cusps, where D is small, came out twice as far off: the same error takes
-//! the same time.)
+//! D is interpolated at the nearest points (§3.4.3), which are searched only if the least and the largest D
+//! of the nodes' vertices do not decide already. Patches that overlap have no nearest points, and nearest
+//! points further apart than d are no contact: in both cases D is the mean of each patch, into which it
+//! blends beforehand. (With the mean everywhere, jaws took three quarters of the time at s₀ = 2.5 %, and
+//! forces between cusps, where D is small, had twice the error: the same error takes the same time.)
 
 use palpate_core::glam::DVec3;
 
@@ -18,7 +17,8 @@ use crate::convex::{Distance, Hull, Placement};
 use crate::detail::Detail;
 use crate::tolerances::NOMINAL_ERROR;
 
-/// Part of d, at either end, over which D goes over from that of the nearest points to the patches' mean.
+/// Fraction of d, at either end, over which D blends from that of the nearest points to the patches' mean.
+/// With less, patches split and join more suddenly.
 const AREA_BLEND: f64 = 0.25;
 
 /// Answer of the refinement test without the nearest points.
@@ -30,8 +30,8 @@ pub(crate) enum Refine {
     Depends,
 }
 
-/// The test without the nearest points, by Eq. 3.7 with the least and the largest D. `error` is s₀, m. With a
-/// `band`, pairs are refined in part from (1 − band) s₀ on.
+/// Refinement test without the nearest points, by Eq. 3.7 with the least and the largest D. `error` is s₀, m.
+/// With a `band`, pairs are partly refined from (1 − band) s₀ on.
 pub(crate) fn refine(a: &Detail, b: &Detail, error: f64, band: f64) -> Refine {
     let missing = a.missing.max(b.missing);
     if missing > error * a.largest_area.max(b.largest_area) {
@@ -43,8 +43,8 @@ pub(crate) fn refine(a: &Detail, b: &Detail, error: f64, band: f64) -> Refine {
     }
 }
 
-/// s*/s₀ at the contact between two patches, given the distance between their hulls, and D at the points of
-/// each; infinite where s₀ is 0. `tolerance` is d, `error` is s₀, m.
+/// s*/s₀ at the contact between two patches, given the distance between their hulls and D at the points of
+/// each; infinite if s₀ is 0. `tolerance` is d, `error` is s₀, m.
 pub(crate) fn weighted_deviation(
     found: &Distance,
     (detail_a, area_a): (&Detail, impl Fn(u32) -> f64),
@@ -58,7 +58,7 @@ pub(crate) fn weighted_deviation(
         on_a += weight * area_a(vertex.a);
         on_b += weight * area_b(vertex.b);
     }
-    // 0 where the patches touch and where they are d apart, 1 well between.
+    // 0 at distance 0 and at d, 1 well in between.
     let part = if tolerance > 0.0 { (found.distance / tolerance).min(1.0) } else { 1.0 };
     let nearest_share = (part.min(1.0 - part) / AREA_BLEND).min(1.0);
     let area = |detail: &Detail, nearest: f64| {
@@ -74,13 +74,12 @@ pub(crate) fn weighted_deviation(
     )
 }
 
-/// How far two bodies may move with s* still above s₀ at the contact between two patches, where it is now, m;
-/// 0 if that is not known. For each patch: its detail, its hull, and D at the hull's points. `error` is s₀,
-/// `rounding` that of coordinates, m.
+/// Motion, m, for which s* stays above s₀ at the contact between two patches; 0 if it is not known. For each
+/// patch: its detail, its hull, and D at the hull's points. `error` is s₀, `rounding` that of coordinates, m.
 ///
-/// When the bodies have moved by m, the new nearest points were at most 2m further apart before than the
-/// nearest points then. So along the direction that the hulls were apart in, they lay that far above the
-/// supporting planes at most: m = (rise − slack) / 2.
+/// After the bodies have moved by m, the new nearest points were at most 2m further apart before the motion
+/// than the nearest points then. So along the separating direction they lay at most that far above the
+/// supporting planes: m = (rise − slack) / 2.
 pub(crate) fn refined_for(
     found: &Distance,
     (detail_a, hull_a, area_a): (&Detail, &Hull, impl Fn(u32) -> f64),
@@ -89,7 +88,7 @@ pub(crate) fn refined_for(
     error: f64,
     rounding: f64,
 ) -> f64 {
-    // s* > s₀ where both D are below this.
+    // s* > s₀ as long as both D are below this.
     let allowed = detail_a.missing.max(detail_b.missing) / error;
     let slack = found.distance - found.lower + rounding;
     let rise_a = rise(detail_a, hull_a, area_a, found.direction, allowed);
@@ -101,12 +100,12 @@ pub(crate) fn refined_for(
     (0.5 * (rise_a.min(rise_b) - slack)).max(0.0)
 }
 
-/// Least height, m, at which a point of a patch's hull can have a D, or anything between it and the mean, of
-/// `allowed` (m²) or more: above the plane that supports the hull across `direction`. 0 if that is not known.
+/// Smallest height, m, above the plane that supports the hull across `direction`, at which D of a point of
+/// the hull, or a blend of it with the mean, can be `allowed` (m²) or more; 0 if it is not known.
 ///
 /// A point is a weighted mean of vertices, and so are its height and its D. If every vertex at height h has D
-/// ≤ c + k h, so has every point, and D = `allowed` is reached at h = (allowed − c) / k at the earliest. Here
-/// c is half of `allowed`, and k the steepest that a vertex asks for.
+/// ≤ c + k h, so has every point, and D = `allowed` needs at least the height h = (allowed − c) / k. Here
+/// c is half of `allowed`, and k the smallest slope that holds for all vertices.
 fn rise(detail: &Detail, hull: &Hull, area: impl Fn(u32) -> f64, direction: DVec3, allowed: f64) -> f64 {
     if detail.mean_area >= allowed || direction == DVec3::ZERO {
         return 0.0;
@@ -127,7 +126,7 @@ fn rise(detail: &Detail, hull: &Hull, area: impl Fn(u32) -> f64, direction: DVec
     rise
 }
 
-/// s*/s₀ of a pair, with the mean D of its patches; infinite on free levels. Where s₀ is 0 it orders pairs by
+/// s*/s₀ of a pair with the mean D of its patches; infinite on free levels. If s₀ is 0, it orders pairs by
 /// s* alone.
 pub(crate) fn urgency(a: &Detail, b: &Detail, error: f64) -> f64 {
     let missing = a.missing.max(b.missing);
@@ -135,13 +134,13 @@ pub(crate) fn urgency(a: &Detail, b: &Detail, error: f64) -> f64 {
     ratio(missing, area * if error > 0.0 { error } else { NOMINAL_ERROR })
 }
 
-/// A quotient where 0/0 is 0.
+/// Quotient with 0/0 = 0.
 fn ratio(missing: f64, allowed: f64) -> f64 {
     if missing > 0.0 { missing / allowed } else { 0.0 }
 }
 
-/// The part of a contact that is left to the children of its pair: all of it where s* is above s₀, and with a
-/// `band`, from (1 − band) s₀ on, a part that grows smoothly (3x² − 2x³).
+/// Share of a contact that is left to the children of its pair: 1 if s* is above s₀; with a
+/// `band`, from (1 − band) s₀ on, it grows smoothly as 3x² − 2x³.
 pub(crate) fn refined_share(deviation: f64, band: f64) -> f64 {
     if deviation > 1.0 {
         return 1.0;

@@ -1,9 +1,9 @@
-//! The separating axis of two hulls, cached while the bodies move.
+//! The cached separating axis of two hulls.
 //!
-//! The motion bound counts alike in all directions, and between bodies that slide along one another it is
-//! used up quickly. Along an axis that separated two hulls, only the motion in that direction counts: that of
-//! the smaller hull's centre, which is known, and of its points about the centre, which is at most its radius
-//! times the angle that the bodies have turned.
+//! The motion bound counts motion in all directions alike, so bodies that slide along one another exceed it
+//! quickly. Along an axis that separated two hulls, only the motion in its direction counts: that of the
+//! smaller hull's centre, which is known, and that of its points about the centre, which is at most its
+//! radius times the angle that the bodies have turned.
 
 use palpate_core::glam::DVec3;
 
@@ -11,21 +11,22 @@ use crate::convex::{Distance, Placement};
 use crate::shape::Packed;
 use crate::tolerances::TURN_SLACK;
 
-/// A direction along which two hulls were apart, and how far.
+/// A direction along which two hulls were apart, with their separation.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SeparatingAxis {
     /// Unit vector in the frame of the larger node's body; it points from the smaller hull to the larger one.
     direction: DVec3,
-    /// Separation of the hulls then, plus how far along the direction the smaller node's centre was, m.
+    /// Separation of the hulls then, plus the smaller node's centre along the direction then, m.
     offset: f64,
-    /// Bound on how far the bodies had turned then, rad.
+    /// Bound on the rotation of the bodies then, rad.
     turn: f64,
     /// Whether the hulls are those of the patches, rather than the bounding ones.
     pub of_patches: bool,
 }
 
 impl SeparatingAxis {
-    /// The axis along which the hulls of two nodes were found to be apart; `None` if they were not.
+    /// The axis along which a distance query found the hulls of two nodes to be apart; `None` if they are
+    /// not.
     pub fn from_distance(
         found: &Distance,
         [a, b]: &[Packed; 2],
@@ -39,10 +40,10 @@ impl SeparatingAxis {
         (found.lower > 0.0).then_some(Self { direction, offset, turn, of_patches })
     }
 
-    /// Lower bound on the separation of the hulls by now, m. `turn`: bound on how far the bodies have turned
+    /// Lower bound on the present separation of the hulls, m. `turn`: bound on the rotation of the bodies
     /// by now, rad; `rounding`: that of coordinates, m.
     ///
-    /// With **u** the direction, **c** the smaller node's centre and r its radius, it is
+    /// With the direction **u**, the smaller node's centre **c** and its radius r, it is
     /// separation then + **u** · (**c** then − **c** now) − r (turn now − turn then).
     pub fn separation(&self, [a, b]: &[Packed; 2], placement: &Placement, turn: f64, rounding: f64) -> f64 {
         let turned = (turn - self.turn) * a.radius.min(b.radius) * (1.0 + TURN_SLACK);
@@ -75,7 +76,7 @@ mod tests {
     use rand::{RngExt, SeedableRng, rngs::StdRng};
 
     #[test]
-    fn hulls_are_never_closer_than_their_axis_says() {
+    fn hulls_are_never_closer_than_the_bound_of_their_axis() {
         let mut rng = StdRng::seed_from_u64(0x9A27);
         let mut vector =
             |size: f64| DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0))) * size;

@@ -12,22 +12,22 @@ pub struct QuerySettings {
     /// d: surfaces closer than this are in contact, m; 0 to the probe's
     /// [`max_tolerance`](Shape::max_tolerance).
     pub tolerance: f64,
-    /// s₀: detail is left out where its deviation, averaged over the area of contact (s*, Eq. 3.7), is no
-    /// more than this. [Exact](ErrorMetrics::EXACT) for full resolution.
+    /// s₀: detail is left out if its deviation, averaged over the area of contact (s*, Eq. 3.7), is at most
+    /// this. [Exact](ErrorMetrics::EXACT) for full resolution.
     pub error: ErrorMetrics,
-    /// Where s* nears s₀, report the contacts of the coarser and of the finer patches, with
-    /// [weights](crate::PatchContact::weight) that go over from one to the other (§3.4.4).
+    /// Whether contacts of the coarser and of the finer patches are both reported when s* is close to s₀,
+    /// with [weights](crate::PatchContact::weight) that change smoothly from one to the other (§3.4.4).
     pub interpolate: bool,
-    /// Time-critical: refine in the order of s*/s₀, and stop when this is spent
+    /// Budget of a time-critical query, which refines pairs in the order of s*/s₀ and stops when it is spent
     /// ([`QueryOutcome::out_of_budget`](crate::QueryOutcome::out_of_budget)).
     pub budget: Option<Budget>,
-    /// Examine pairs on all threads of the current rayon pool, where there are many. The answer is the same. A
-    /// time-critical query does not.
+    /// Whether many pairs are examined on all threads of the current rayon pool, with the same answer. It has
+    /// no effect on time-critical queries.
     pub parallel: bool,
 }
 
-/// Cost that a time-critical query may have. Pairs above the coarsest level that is not free have to be gone
-/// through in any case, and every pair that the query stops at costs one convex query more.
+/// Budget of a time-critical query. Pairs above the coarsest level that is not free are tested in any case,
+/// and every pair at which the query stops costs one more convex query.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Budget {
     /// Time.

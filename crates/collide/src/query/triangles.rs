@@ -1,9 +1,9 @@
-//! The triangles of two patches that may be within the tolerance of one another, for deciding about the
-//! patches triangle by triangle.
+//! The triangles of two patches that may be within the tolerance of one another, for pairs that are decided
+//! triangle by triangle.
 //!
-//! Most triangles of large patches are passed over by their extent along one direction, which is the normal
-//! of the patches' contact where that is known: a triangle of b counts if it begins before a ends, and one of
-//! a if it ends after b begins, but for the tolerance.
+//! Most triangles of large patches are culled by their extent along one direction, the normal of the patches'
+//! contact if that is known: a triangle of b is kept if its extent begins before that of a ends, and one of a
+//! if its extent ends after that of b begins, with the tolerance as a margin.
 
 use palpate_core::Contact;
 use palpate_core::glam::DVec3;
@@ -19,10 +19,10 @@ const TRIANGLES: usize = 256;
 /// A triangle in a's frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Placed {
-    /// Its index in its patch.
+    /// Index in its patch.
     pub index: u32,
     pub corners: [DVec3; 3],
-    /// Its beginning and end along the direction, m.
+    /// Extent along the direction, from begin to end, m.
     extent: [f64; 2],
     pub ball: Ball,
     prism: Prism,
@@ -33,8 +33,7 @@ impl Placed {
         Self { index, corners, extent, ball: Ball::around(&corners), prism: Prism::of(corners) }
     }
 
-    /// Whether a triangle of b is further than a length (m) from this one of a; `false` if that is not found
-    /// at once.
+    /// Whether a triangle of b is certainly further than a length (m) from this one of a, by quick tests.
     pub fn clears(&self, other: &Self, length: f64) -> bool {
         other.extent[0] - self.extent[1] > length
             || !reaches(&self.ball, &other.ball, length)
@@ -42,7 +41,7 @@ impl Placed {
             || other.prism.clears(self.corners, length)
     }
 
-    /// Whether a point is within `reach` of the triangle, and another one closer than `distance`, m.
+    /// Whether a point is within `reach` (m) of the triangle, and another one closer than `distance` (m).
     fn undercuts(&self, point: DVec3, reach: f64, other: DVec3, distance: f64) -> bool {
         let [p, q, r] = self.corners;
         let (low, high) = (p.min(q).min(r) - reach, p.max(q).max(r) + reach);
@@ -70,8 +69,8 @@ impl InReach {
         (self.of_a.capacity() + self.of_b.capacity()) * size_of::<Placed>()
     }
 
-    /// Finds them. `towards_b`: a vector from a to b; the closer it is to the normal of their contact, the
-    /// fewer they are.
+    /// Gathers the triangles. `towards_b` is a vector from a to b; the closer it is to the normal of their
+    /// contact, the more triangles are culled.
     pub fn gather(&mut self, a: &Patch, b: &Patch, towards_b: DVec3, pair: &PairContext) {
         let placement = pair.placement;
         let tolerance = pair.tolerance + pair.precision;
@@ -109,7 +108,8 @@ impl InReach {
         }
     }
 
-    /// Whether other triangles at a contact's points undercut the pair `[i, j]`. Those that could are in reach.
+    /// Whether other triangles at a contact's points are closer than the pair `[i, j]`, so that it is no
+    /// local minimum. Such triangles are in reach.
     pub fn undercut(&self, contact: &Contact, [i, j]: [u32; 2], same: f64) -> bool {
         let distance = contact.distance() - same;
         let (p, q) = (contact.point, contact.scene_point);
@@ -118,7 +118,7 @@ impl InReach {
     }
 }
 
-/// The furthest extent of three points along a direction.
+/// Largest coordinate of three points along a direction, m.
 fn end(points: &[DVec3; 3], direction: DVec3) -> f64 {
     points.iter().map(|point| point.dot(direction)).fold(f64::NEG_INFINITY, f64::max)
 }

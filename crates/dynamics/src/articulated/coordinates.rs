@@ -1,4 +1,4 @@
-//! The tool's coordinates (V, ω, q̇): how the bodies follow them, and the linear system in them.
+//! The tool's coordinates (V, ω, q̇): the bodies' motion by them, and the linear system in them.
 
 use glam::{DMat3, DVec3};
 use palpate_core::Twist;
@@ -8,10 +8,10 @@ use crate::linear_solve::{solve, solve_definite};
 use crate::rotation::{skew, skew_skew};
 use crate::system::{Linear, six};
 
-/// The columns of a 6×7 matrix, by V, ω and q̇.
+/// A 6×7 matrix that takes (V, ω, q̇) to a body's twist.
 pub(super) type Columns = [[f64; 7]; 6];
 
-/// A tool's velocities or their changes.
+/// A tool's velocities (V, ω, q̇) or their changes.
 #[derive(Clone, Copy)]
 pub(super) struct Motion {
     pub linear: DVec3,
@@ -28,22 +28,23 @@ impl Motion {
 /// Motion of one body by the tool's coordinates: J and S.
 #[derive(Clone, Copy)]
 pub(super) struct Follower {
-    /// c.
+    /// c, m.
     pub centre: DVec3,
-    /// Velocity of its centre of mass by the rate of the hinge: a share of e × b.
+    /// s: velocity of the body's centre of mass by the rate of the hinge, a share of e × b, m/rad.
     pub sweep: DVec3,
-    /// e for the second body, none for the first.
+    /// e for the second body, zero for the first.
     pub axis: DVec3,
     /// J.
     pub columns: Columns,
-    /// S, the derivative of J u_0 by the placement: its linear part by turning and by the angle, its angular
-    /// part by turning.
+    /// S, the derivative of J u_0 by the placement: its linear part by the rotation φ and by the angle q, its
+    /// angular part by φ.
     turning: (DMat3, DVec3, DMat3),
 }
 
 impl Follower {
     pub fn new(linkage: &Linkage, [centre, sweep, axis]: [DVec3; 3], start: &Motion) -> Self {
         let (angular, rate) = (start.angular, start.rate);
+        // v = V + ω × c + q̇ s and the angular velocity ω + q̇ e.
         let mut columns = [[0.0; 7]; 6];
         for (i, unit) in DVec3::AXES.into_iter().enumerate() {
             let by_turn = unit.cross(centre);
@@ -55,7 +56,8 @@ impl Follower {
             columns[i][6] = sweep[i];
             columns[3 + i][6] = axis[i];
         }
-        // ω × (φ × c) + q̇ φ × s, and q̇ φ × e.
+        // By φ the linear part changes by ω × (φ × c) + q̇ φ × s and the angular one by q̇ φ × e; by q the
+        // linear part changes by ω × s + q̇ e × s.
         let by_turn = skew_skew(angular, centre) * -1.0 - skew(sweep) * rate;
         let by_angle = angular.cross(sweep) + linkage.axis.cross(sweep) * rate;
         let spin_by_turn = skew(axis) * -rate;
@@ -101,7 +103,7 @@ pub(super) struct Linear7 {
 }
 
 impl Linear7 {
-    /// Adds to the rows and columns of ω and q̇.
+    /// Adds blocks in the rows and columns of ω and q̇.
     pub fn add_turning(&mut self, turning: &DMat3, by_rate: DVec3, hinge_by_turn: DVec3, hinge: f64) {
         for i in 0..3 {
             for j in 0..3 {
@@ -113,7 +115,8 @@ impl Linear7 {
         self.matrix[6][6] += hinge;
     }
 
-    /// Adds Jᵀ A J′ of a body's system, and Jᵀ (r − A · arc) on the right.
+    /// Adds a body's system A, r, with J = `columns` and J + h S = `at_end`: Jᵀ A (J + h S) on the left and
+    /// Jᵀ (r − A · arc) on the right, arc = h S u_0.
     pub fn add_follower(&mut self, body: &Linear, columns: &Columns, at_end: &Columns, arc: &Twist) {
         let arc = six(arc.linear, arc.angular);
         let mut product = [[0.0; 7]; 6];
@@ -142,6 +145,7 @@ impl Linear7 {
     }
 }
 
+/// A vector of seven components: linear, angular and hinge.
 pub(super) fn seven(linear: DVec3, angular: DVec3, hinge: f64) -> [f64; 7] {
     let [a, b, c, d, e, f] = six(linear, angular);
     [a, b, c, d, e, f, hinge]

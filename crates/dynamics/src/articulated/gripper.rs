@@ -1,20 +1,21 @@
-//! The seventh coupling: a spring and damper between a tool's hinge and the angle that the hand asks for.
+//! The coupling of the seventh coordinate: a spring and damper between a tool's hinge and the gripper's
+//! angle.
 
 use super::{ArticulatedBody, ArticulatedState};
 use crate::port::{PortAxes, Sampling};
 use crate::saturation::{spring_energy, spring_force};
 
-/// Position and rate of the gripper: the angle of the tool's hinge that the hand asks for.
+/// Angle and rate of the gripper, which commands the tool's hinge.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GripperMotion {
-    /// rad.
+    /// Angle, rad.
     pub angle: f64,
-    /// rad/s.
+    /// Rate of the angle, rad/s.
     pub rate: f64,
 }
 
 impl GripperMotion {
-    /// A gripper that does not move.
+    /// A gripper at rest.
     pub const fn at_rest(angle: f64) -> Self {
         Self { angle, rate: 0.0 }
     }
@@ -26,8 +27,8 @@ impl GripperMotion {
 }
 
 /// Gains of the coupling between gripper and hinge. The torque on the hinge is k (q_h − q) + b (q̇_h − q̇),
-/// its spring limited as those of the virtual coupling are ([`spring_force`](crate::spring_force), Eq. 5.30);
-/// the gripper gets the opposite.
+/// with its spring limited like those of the virtual coupling ([`spring_force`](crate::spring_force), Eq.
+/// 5.30); the gripper gets the opposite torque.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GripperCoupling {
     /// k, N·m/rad.
@@ -40,26 +41,26 @@ pub struct GripperCoupling {
 
 /// The coupling at one state.
 pub(super) struct Held {
-    /// On the hinge, N·m.
+    /// Torque on the hinge, N·m.
     pub torque: f64,
-    /// The spring's slope, N·m/rad: 0 to k.
+    /// Slope of the spring, 0 to k, N·m/rad.
     pub slope: f64,
 }
 
 impl GripperCoupling {
-    /// Exerts nothing.
+    /// A coupling that exerts no torque.
     pub const NONE: Self = Self { stiffness: 0.0, damping: 0.0, max_torque: f64::INFINITY };
 
-    /// A coupling of that stiffness (N·m/rad), damped critically for the second body about the hinge while
-    /// the first is held, whose spring does not saturate.
+    /// Makes a coupling with a stiffness (N·m/rad), damped critically for the second body about the hinge
+    /// while the first is held. Its spring does not saturate.
     pub fn critically_damped(tool: &ArticulatedBody, stiffness: f64) -> Self {
         let damping = 2.0 * (stiffness * tool.second_about_hinge()).sqrt();
         Self { stiffness, damping, max_torque: f64::INFINITY }
     }
 
-    /// A coupling for a gripper of such limits, sampled so: as stiff as it renders passively with a margin
-    /// ([`PortAxes::largest_stiffness`]), or `otherwise` (N·m/rad) where nothing limits it or nothing is
-    /// rendered; no stronger than it, and damped critically.
+    /// Makes a coupling for a gripper with given limits and sampling. It is as stiff as the gripper renders
+    /// passively with a margin ([`PortAxes::largest_stiffness`]), or has the stiffness `otherwise` (N·m/rad)
+    /// if nothing limits it or nothing is rendered. It is no stronger than the gripper and damped critically.
     pub fn auto(tool: &ArticulatedBody, limits: &PortAxes, otherwise: f64, sampling: &Sampling) -> Self {
         let largest = limits.largest_stiffness(sampling);
         let rendered = limits.peak > 0.0;
@@ -68,12 +69,12 @@ impl GripperCoupling {
         Self { max_torque, ..Self::critically_damped(tool, chosen) }
     }
 
-    /// The torque on the hinge, N·m; on the gripper it is the opposite.
+    /// The torque on the hinge, N·m; the gripper gets the opposite.
     pub fn torque(&self, state: &ArticulatedState, gripper: &GripperMotion) -> f64 {
         self.at(state, gripper).torque
     }
 
-    /// Energy held in the spring, J.
+    /// Energy stored in the spring, J.
     pub fn potential_energy(&self, state: &ArticulatedState, gripper: &GripperMotion) -> f64 {
         spring_energy(self.stiffness, (gripper.angle - state.angle).abs(), self.max_torque)
     }

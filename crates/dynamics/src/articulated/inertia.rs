@@ -2,12 +2,12 @@
 //! by the angle.
 //!
 //! With I_1, I_2 the bodies' own inertias in world axes and μ = m_1 m_2/(m_1 + m_2), the kinetic energy
-//! beside that of the centre of mass is ½ ω · I_c ω + q̇ g · ω + ½ J q̇² with
+//! about the centre of mass is ½ ω · I_c ω + q̇ g · ω + ½ J q̇² with
 //!
 //! I_c = I_1 + I_2 + μ (‖d‖² − d dᵀ),  g = I_2 e + μ d × (e × b),  J = e · I_2 e + μ ‖e × b‖²,
 //!
-//! the composite inertia (Featherstone 2008, §6.2) of a tree of two. Turning the second body about e changes
-//! d by e × b, e × b by e × (e × b) and I_2 by e* I_2 − I_2 e*; J stays as it is.
+//! the composite inertia (Featherstone 2008, §6.2) of a tree of two bodies. Turning the second body about e
+//! changes d by e × b, e × b by e × (e × b) and I_2 by e* I_2 − I_2 e*; J does not change.
 
 use glam::{DMat3, DVec3};
 
@@ -15,7 +15,7 @@ use super::Linkage;
 use crate::jacobian::outer;
 use crate::rotation::cross_columns;
 
-/// World axes.
+/// Inertia of both bodies about their centre of mass, in world axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CompositeInertia {
     /// I_c, kg·m².
@@ -53,12 +53,12 @@ impl CompositeInertia {
         self.whole * angular + self.shared * rate
     }
 
-    /// g · ω + J q̇: the hinge's, kg·m²/s.
+    /// g · ω + J q̇: the hinge's momentum, kg·m²/s.
     pub fn hinge_momentum(&self, angular: DVec3, rate: f64) -> f64 {
         self.shared.dot(angular) + self.hinge * rate
     }
 
-    /// By what the angular momentum grows with the angle.
+    /// Derivative of the angular momentum by the angle, kg·m²/s.
     pub fn momentum_slope(&self, angular: DVec3, rate: f64) -> DVec3 {
         self.whole_slope * angular + self.shared_slope * rate
     }
@@ -68,7 +68,7 @@ impl CompositeInertia {
         self.shared_slope.dot(angular)
     }
 
-    /// By what the kinetic energy grows with the angle, N·m.
+    /// Derivative of the kinetic energy by the angle, ½ ω · ∂I_c/∂q ω + q̇ ∂g/∂q · ω, N·m.
     pub fn energy_slope(&self, angular: DVec3, rate: f64) -> f64 {
         angular.dot(self.whole_slope * angular * 0.5 + self.shared_slope * rate)
     }

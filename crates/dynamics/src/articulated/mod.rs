@@ -2,9 +2,9 @@
 //! (§6.2.3).
 //!
 //! The dissertation sketches it for sinus surgery: the grasped object is "two rigid bodies with a 1-DoF
-//! articulation", the collision response stays as it is, and the rigid body simulation and the virtual
-//! coupling are modified. Here the first body is held by the [`VirtualCoupling`](crate::VirtualCoupling) that
-//! a single body is held by, and the hinge by a spring and damper to the angle that the hand asks for
+//! articulation", the collision response is unchanged, and the rigid body simulation and the virtual
+//! coupling are modified. Here the first body is held by a [`VirtualCoupling`](crate::VirtualCoupling), like
+//! a single body, and the hinge by a spring and damper to the gripper's angle
 //! ([`GripperCoupling`]), whose reaction is the torque for the gripper.
 //!
 //! Coordinates are those of the joint-coordinate form (Featherstone, *Rigid Body Dynamics Algorithms*, 2008,
@@ -15,8 +15,8 @@
 //!
 //! v_1 = V + ω × c_1 − μ_2 (e × b) q̇,  ω_1 = ω,  v_2 = V + ω × c_2 + μ_1 (e × b) q̇,  ω_2 = ω + e q̇,
 //!
-//! with V the velocity of the tool's centre of mass. Solved for in (V, ω, q̇), the linear momentum is one
-//! unknown alone, which makes its conservation exact ([`articulated_step`]).
+//! with V the velocity of the tool's centre of mass. In (V, ω, q̇) the linear momentum depends on V alone,
+//! which makes its conservation exact ([`articulated_step`]).
 
 mod coordinates;
 mod gripper;
@@ -41,9 +41,9 @@ pub struct JointLimits {
     pub low: f64,
     /// Largest angle, rad; ∞ for none.
     pub high: f64,
-    /// Stiffness of the stops, N·m/rad: beyond its limit the hinge gives way by the torque on it divided by
-    /// this. They have no damper, whose torque would jump where they close; the implicit step damps what is
-    /// much stiffer than J/h².
+    /// Stiffness of the stops, N·m/rad: beyond its limit the hinge yields by the torque on it divided by the
+    /// stiffness. Stops have no damper, whose torque would jump when they close; the implicit step damps
+    /// stops much stiffer than J/h².
     pub stiffness: f64,
 }
 
@@ -59,10 +59,10 @@ pub struct Joint {
     pub limits: JointLimits,
 }
 
-/// Why a joint was refused.
+/// Reason why a joint was refused.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum JointError {
-    /// A frame of the hinge is no rigid placement.
+    /// A frame of the hinge is not a rigid placement.
     #[error(
         "the hinge's frame in the {body} body is {pose:?}; it must be finite, with a quaternion of unit length"
     )]
@@ -72,7 +72,7 @@ pub enum JointError {
         /// The frame given.
         pose: Pose,
     },
-    /// The limits leave no angle.
+    /// The limits allow no angle.
     #[error("the hinge's limits are {low} to {high} rad; the first must not exceed the second, nor be NaN")]
     Limits {
         /// Smallest angle given, rad.
@@ -103,16 +103,16 @@ pub struct ArticulatedBody {
 /// State of a tool of two bodies: its seven coordinates and velocities.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ArticulatedState {
-    /// The first body.
+    /// State of the first body.
     pub first: BodyState,
-    /// q, rad.
+    /// Angle q of the hinge, rad.
     pub angle: f64,
-    /// q̇, rad/s.
+    /// Rate q̇ of the angle, rad/s.
     pub rate: f64,
 }
 
 impl ArticulatedState {
-    /// A state without motion.
+    /// A state at rest.
     pub const fn at_rest(first: Pose, angle: f64) -> Self {
         Self { first: BodyState::at_rest(first), angle, rate: 0.0 }
     }
@@ -123,7 +123,7 @@ impl ArticulatedState {
     }
 }
 
-/// The two bodies as they lie to each other at one orientation of the first and one angle; world axes.
+/// Relative placement of the two bodies at an orientation of the first and an angle; world axes.
 #[derive(Clone, Copy, Debug)]
 struct Linkage {
     /// Rotation of the second body.
@@ -136,15 +136,15 @@ struct Linkage {
     sweep: DVec3,
 }
 
-/// −μ_2 and μ_1: by how much of e × b q̇ each body's centre of mass moves.
+/// −μ_2 and μ_1: shares of e × b q̇ in the velocities of the bodies' centres of mass.
 type Shares = [f64; 2];
 
 impl ArticulatedBody {
     /// Joins two bodies.
     ///
     /// # Errors
-    /// If a frame of the hinge is no rigid placement, its limits leave no angle, or its stops' stiffness is
-    /// negative or not finite.
+    /// If a frame of the hinge is not a rigid placement, its limits allow no angle, or its stops' stiffness
+    /// is negative or not finite.
     pub fn new(first: Body, second: Body, joint: Joint) -> Result<Self, JointError> {
         for (body, pose) in [("first", joint.in_first), ("second", joint.in_second)] {
             if !pose.is_valid() {
@@ -161,13 +161,13 @@ impl ArticulatedBody {
         Ok(Self { first, second, joint })
     }
 
-    /// Mass of both, kg.
+    /// Mass of both bodies, kg.
     pub fn mass(&self) -> f64 {
         self.first.mass + self.second.mass
     }
 
-    /// The second body's pose in the frame of the first (axes of the first, from its centre of mass) at an
-    /// angle (rad).
+    /// The second body's pose in the frame of the first (its axes, from its centre of mass) at an angle
+    /// (rad).
     pub fn second_in_first(&self, angle: f64) -> Pose {
         let turned = Pose::new(DVec3::ZERO, DQuat::from_rotation_z(angle));
         self.joint.in_first * turned * self.joint.in_second.inverse()
@@ -195,7 +195,7 @@ impl ArticulatedBody {
         (Body { mass: self.mass(), inertia }, -linkage.centres[0])
     }
 
-    /// Inertia of the second body about the hinge, kg·m²: what turns when the first is held.
+    /// Inertia of the second body about the hinge, kg·m², which turns when the first is held.
     pub fn second_about_hinge(&self) -> f64 {
         let axis = self.joint.in_second.rotation * DVec3::Z;
         axis.dot(self.second.inertia_about(self.joint.in_second.translation) * axis)
@@ -221,7 +221,7 @@ impl ArticulatedBody {
         (linear, about(&self.first, &state.first) + about(&self.second, &second))
     }
 
-    /// The bodies' places with the first one's axes turned to `rotation`.
+    /// The bodies' relative placement with the first one's axes turned to `rotation`.
     fn linkage(&self, rotation: DQuat, angle: f64) -> Linkage {
         let Joint { in_first, in_second, .. } = &self.joint;
         let hinge = rotation * in_first.rotation * DQuat::from_rotation_z(angle);
@@ -238,6 +238,7 @@ impl ArticulatedBody {
         }
     }
 
+    /// −μ_2 and μ_1.
     fn shares(&self) -> Shares {
         let mass = self.mass();
         [-self.second.mass / mass, self.first.mass / mass]
@@ -314,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hinge_that_cannot_be_is_refused() {
+    fn impossible_hinges_are_refused() {
         let body = Body::new(0.1, DMat3::from_diagonal(DVec3::splat(1e-5))).unwrap();
         let limits = JointLimits { low: 0.0, high: 1.0, stiffness: 10.0 };
         let joint = Joint { in_first: Pose::IDENTITY, in_second: Pose::IDENTITY, limits };

@@ -8,33 +8,33 @@
 //! M (V_n − V_0) = h F_n,  L_n − L_0 = h T_n,  p_n − p_0 = h (Q_n + T_q),  R_n = exp(h ω_n*) R_0,  q_n = q_0
 //! + h q̇_n,
 //!
-//! and the centre of mass goes on by h V_n. Linearised in (V, ω, q̇), a 7×7 system is solved. L_n is carried
-//! along as that of one body is, with the inertia at the angle q_0 + h q̇: so the linear momentum of a free
-//! tool is kept exactly, the angular momentum to second order.
+//! and the centre of mass moves by h V_n. Linearised in (V, ω, q̇), this is a 7×7 system. L_n is carried
+//! along like the momentum of one body, with the inertia at the angle q_0 + h q̇: so the linear momentum of a
+//! free tool is conserved exactly, the angular momentum to second order.
 //!
-//! T_q is by what the kinetic energy grows with the angle: the centrifugal torque. It is taken in the middle
-//! of the step, at q_0 + h q̇_0/2, where it is close to the difference quotient ½ uᵀ (M_n − M_0) u/(h q̇) of
-//! the inertia M(q) for u = (ω, q̇) at the end. With that one a free tool would gain no energy E:
+//! T_q is the derivative of the kinetic energy by the angle, the centrifugal torque. It is evaluated in the
+//! middle of the step, at q_0 + h q̇_0/2, where it is close to the difference quotient ½ uᵀ (M_n − M_0) u/(h
+//! q̇) of the inertia M(q) for u = (ω, q̇) at the end. With the quotient a free tool would gain no energy E:
 //!
 //! 2 E_n = uᵀ M_0 u_0 + h q̇ T_q ≤ ½ uᵀ M_0 u + E_0 + ½ uᵀ (M_n − M_0) u = E_n + E_0,
 //!
-//! by the inequality of Cauchy and Schwarz. What is left is the error of the linearisation and of the middle
+//! by the Cauchy–Schwarz inequality. The remaining error is that of the linearisation and of the midpoint
 //! (the test in `tests/articulated.rs` allows 1e-6 of it a step, at up to 50 rad/s).
 //!
 //! # Forces
 //!
-//! Contacts, and the virtual coupling on the first body, make the same 6×6 systems that they make of one
-//! body: A_i for the change of its twist, and a right-hand side. With J_i the 6×7 matrix that takes (V, ω,
-//! q̇) to the body's twist, and S_i by what J_i u_0 changes with the placement (the centres of mass move on
-//! arcs), the change of the body's twist over the step is (J_i + h S_i) Δu + h S_i u_0, and the tool gets
-//! J_iᵀ A_i (J_i + h S_i). The turning of J_i itself under the forces at the start is geometric stiffness. It
-//! goes, with S_i, where the matrix is no prediction with it, as the geometric stiffness of one body does.
+//! Contacts, and the virtual coupling on the first body, make the same 6×6 systems as for a single body: A_i
+//! for the change of its twist, and a right-hand side. With J_i the 6×7 matrix that takes (V, ω, q̇) to the
+//! body's twist, and S_i the derivative of J_i u_0 by the placement (the centres of mass move on arcs), the
+//! change of the body's twist over the step is (J_i + h S_i) Δu + h S_i u_0, and the tool gets J_iᵀ A_i (J_i
+//! + h S_i). The turning of J_i itself under the forces at the start is geometric stiffness. It is dropped,
+//! with S_i, if the matrix is no prediction with it, like the geometric stiffness of one body.
 //!
-//! A body's displacement over the step is h times its twist at the end: where a centre of mass moves on an
-//! arc, this differs from that by h (V, ω, q̇) in second order.
+//! A body's displacement over the step is h times its twist at the end. If its centre of mass moves on an
+//! arc, this differs from the displacement by h (V, ω, q̇) in second order.
 //!
 //! The hinge's stops are springs of one coordinate, in the system if they are closed at the end of the step.
-//! The set of all is found as that of one body is: after a few solves they only leave it.
+//! The active set of contacts and stops is found as for one body: after a few solves they only leave it.
 
 use arrayvec::ArrayVec;
 use glam::{DMat3, DVec3};
@@ -47,17 +47,17 @@ use crate::contact::LinearContactModel;
 use crate::coupling::{DeviceMotion, VirtualCoupling};
 use crate::step::{Frame, StepFailure, StepStatus, System};
 
-/// Everything that acts on a tool during a step.
+/// The tool and all that acts on it during a step.
 #[derive(Clone, Copy, Debug)]
 pub struct ArticulatedFrame<'a> {
     /// The tool.
     pub tool: &'a ArticulatedBody,
-    /// The device, taken to stand here with this velocity for the whole step.
+    /// The device, taken to keep this pose and velocity for the whole step.
     pub device: &'a DeviceMotion,
     /// Virtual coupling of the device to the first body; the grasp is in that body's axes, from its centre of
     /// mass.
     pub coupling: &'a VirtualCoupling,
-    /// The gripper, taken to stand here with this rate for the whole step.
+    /// The gripper, taken to keep this angle and rate for the whole step.
     pub gripper: &'a GripperMotion,
     /// Coupling of the gripper to the hinge.
     pub grip: &'a GripperCoupling,
@@ -74,10 +74,10 @@ pub struct ArticulatedStep {
     pub state: ArticulatedState,
     /// The virtual coupling's wrench **on the device**, about the handle's origin, at the new state.
     pub coupling: Wrench,
-    /// The same **on the first body**, about its centre of mass.
+    /// The virtual coupling's wrench **on the first body**, about its centre of mass, at the new state.
     pub coupling_on_body: Wrench,
-    /// The torque **on the gripper** about the hinge's axis, at the new state, N·m: positive where it opens
-    /// to larger angles.
+    /// The torque **on the gripper** about the hinge's axis, at the new state, N·m: positive towards larger
+    /// angles.
     pub gripper: f64,
     /// The torque of the hinge's stops on the second body about the hinge's axis, at the new state, N·m.
     pub stop: f64,
@@ -90,21 +90,20 @@ pub struct ArticulatedStep {
     pub status: StepStatus,
 }
 
-/// Advances a tool by `dt` (s) under what a frame holds, and evaluates at the new state what device and
-/// gripper are to feel.
+/// Advances a tool by `dt` (s) under the loads of a frame, and evaluates the wrench for the device and the
+/// torque for the gripper at the new state.
 ///
-/// Nothing is allocated; nothing panics. What cannot be used or computed is refused as by
+/// Nothing is allocated; nothing panics. Unusable inputs and results that are not finite are refused as by
 /// [`semi_implicit_step`](crate::semi_implicit_step): the state is held and wrenches and torques are zero. A
-/// state that is itself not finite is put, at rest, where the coupling is relaxed, with the hinge at the
-/// gripper's angle as far as its limits allow.
+/// state that is not finite is replaced by one at rest where the coupling is relaxed, with the hinge at the
+/// gripper's angle within its limits.
 pub fn articulated_step(frame: &ArticulatedFrame<'_>, state: &ArticulatedState, dt: f64) -> ArticulatedStep {
     if let Some(refused) = frame.refused(state, dt) {
         return refused;
     }
     let ArticulatedFrame { tool, device, coupling, contacts, .. } = *frame;
     let bodies = [state.first, tool.second(state)];
-    // Their inertia is in the tool's equations, so that of these systems only what acts on the bodies is
-    // left.
+    // The bodies' inertia is in the tool's equations, so their own systems have only the loads.
     let massless = Body { mass: 0.0, inertia: DMat3::ZERO };
     let nothing = VirtualCoupling {
         linear_stiffness: 0.0,
@@ -131,14 +130,14 @@ pub fn articulated_step(frame: &ArticulatedFrame<'_>, state: &ArticulatedState, 
 }
 
 impl ArticulatedFrame<'_> {
-    /// The step that fails for its inputs, or `None` if they are usable.
+    /// Returns the failed step for unusable inputs, or `None` if they are usable.
     fn refused(&self, state: &ArticulatedState, dt: f64) -> Option<ArticulatedStep> {
         if !state.is_valid() {
             let relaxed = self.coupling.relaxed_pose(&self.device.pose);
             let pose = if relaxed.is_valid() { relaxed } else { Pose::IDENTITY };
             let limits = &self.tool.joint.limits;
-            let asked = if self.gripper.angle.is_finite() { self.gripper.angle } else { 0.0 };
-            let angle = asked.max(limits.low).min(limits.high);
+            let commanded = if self.gripper.angle.is_finite() { self.gripper.angle } else { 0.0 };
+            let angle = commanded.max(limits.low).min(limits.high);
             return Some(ArticulatedStep::failed(
                 &ArticulatedState::at_rest(pose, angle),
                 StepFailure::State,
@@ -153,7 +152,8 @@ impl ArticulatedFrame<'_> {
         None
     }
 
-    /// The step from `start` to `next` with the wrenches there, or a failed one if they are not finite.
+    /// Makes the step from `start` to `next` with the wrenches at `next`, or a failed one if they are not
+    /// finite.
     fn ended(
         &self,
         start: &ArticulatedState,

@@ -14,7 +14,7 @@ use crate::rotation::{cross_columns, exponential};
 use crate::step::{FREE_SOLVES, StepStatus, System};
 use crate::system::cross_sum;
 
-/// Largest number of 7×7 systems that one step solves: the free ones, and one for each contact and stop that
+/// Largest number of 7×7 systems that one step solves: the free ones, one for each contact and stop that
 /// may leave, and the last.
 pub const MAX_ARTICULATED_SOLVES: u32 = FREE_SOLVES + 2 * MAX_CONSTRAINTS as u32 + 2 + 1;
 
@@ -25,7 +25,7 @@ struct Stop {
     side: f64,
     /// Angle beyond the stop at the end of the step if the rate does not change, rad.
     overlap: f64,
-    /// N·m/rad.
+    /// Stiffness, N·m/rad.
     stiffness: f64,
     closed_at_start: bool,
 }
@@ -52,7 +52,7 @@ pub(super) fn stop_torque(tool: &ArticulatedBody, state: &ArticulatedState) -> f
     Stop::both(tool, state, 0.0).iter().map(Stop::torque).sum()
 }
 
-/// A set of contacts of the two bodies, and of stops, one bit each.
+/// Set of contacts of the two bodies and of stops, one bit each.
 #[derive(Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Active {
     pub bodies: [u64; 2],
@@ -68,7 +68,7 @@ impl Active {
     }
 }
 
-/// Everything that one step's linear systems are made of.
+/// The terms of one step's linear systems, from which the system of any active set is assembled.
 pub(super) struct ToolSystem<'a> {
     systems: [System<'a>; 2],
     followers: [Follower; 2],
@@ -78,11 +78,11 @@ pub(super) struct ToolSystem<'a> {
     /// e.
     axis: DVec3,
     mass: f64,
-    /// At the start, for (ω, q̇): to hold the matrix against.
+    /// Inertia for (ω, q̇) at the start, that the matrix is tested against.
     inertia: (DMat3, DVec3, f64),
-    /// Carried momentum and the gripper's spring and damper.
+    /// Left: carried momentum and the gripper's spring and damper.
     matrix: [[f64; 7]; 7],
-    /// The same with gravity on the right.
+    /// Right: the same and gravity.
     right: [f64; 7],
     /// The virtual coupling's wrench on the first body.
     held: Wrench,
@@ -112,6 +112,7 @@ impl<'a> ToolSystem<'a> {
 
         let (mut system, now) = momenta(tool, &linkage, state, gravity, dt);
         let joint = grip.at(state, gripper);
+        // A spring k and a damper b on the hinge: h (h k + b) on the left, h (T_0 − h k q̇_0) on the right.
         system.matrix[6][6] += dt * (grip.damping + dt * joint.slope);
         system.right[6] += dt * (joint.torque - dt * joint.slope * state.rate);
         Self {
@@ -133,7 +134,8 @@ impl<'a> ToolSystem<'a> {
         self.systems[0].geometric
     }
 
-    /// Contacts and stops that push at the end of the step if no velocity changes.
+    /// Linearises the contacts at the start of the step. Returns the contacts and stops that push at its end
+    /// if no velocity changes.
     fn linearise(&mut self) -> Active {
         let mut stops = 0;
         for (i, stop) in self.stops.iter().enumerate() {
@@ -143,6 +145,8 @@ impl<'a> ToolSystem<'a> {
         Active { bodies: [first.linearise_contacts(), second.linearise_contacts()], stops }
     }
 
+    /// Assembles the linear system with the contacts and stops of a set: Σ J_iᵀ A_i (J_i + h S_i) of the
+    /// bodies, the geometric stiffness of their loads, and h² k of each stop.
     fn assemble(&self, active: Active) -> Linear7 {
         let dt = self.dt;
         let mut system = Linear7 { matrix: self.matrix, right: self.right };
@@ -168,12 +172,13 @@ impl<'a> ToolSystem<'a> {
         system
     }
 
-    /// Adds how the tool's share of a body's load turns with it.
+    /// Adds the geometric stiffness of a body's load (f, τ), −h² ∂(Jᵀ (f, τ))/∂(φ, q) on the left and its
+    /// product with −(ω_0, q̇_0) on the right.
     fn add_geometric(&self, system: &mut Linear7, follower: &Follower, load: &Wrench) {
         let Wrench { force, torque } = *load;
         let Follower { centre, sweep, axis, .. } = *follower;
         let gain = self.dt * self.dt;
-        // Of c × f by turning and by the angle, and of (e × b) · f + e · τ.
+        // Derivatives of the torque c × f by φ and q, and of the hinge's torque s · f + e · τ.
         let turning = cross_sum(&outer(centre, force)) * gain;
         let by_angle = sweep.cross(force) * gain;
         let hinge_by_turn = (sweep.cross(force) + axis.cross(torque)) * gain;
@@ -187,7 +192,8 @@ impl<'a> ToolSystem<'a> {
         system.right[6] += hinge_by_turn.dot(angular) + hinge_by_angle * rate;
     }
 
-    /// Whether the symmetric part of the matrix exceeds half the mass matrix.
+    /// Whether the linear system is a prediction: the symmetric part of its matrix exceeds half the mass
+    /// matrix.
     fn predicts(&self, matrix: &[[f64; 7]; 7]) -> bool {
         let symmetric = std::array::from_fn(|i| std::array::from_fn(|j| matrix[i][j] + matrix[j][i]));
         let mut difference = Linear7 { matrix: symmetric, right: [0.0; 7] };
@@ -199,8 +205,8 @@ impl<'a> ToolSystem<'a> {
         is_positive_definite(difference.matrix)
     }
 
-    /// Contacts and stops that push at the end of the step for a change of the velocities, and those that are
-    /// closed.
+    /// Predicts from a change of the velocities which contacts and stops push at the end of the step, and
+    /// which are closed.
     fn predict(&mut self, change: &Motion) -> (Active, Active) {
         let (mut pushing, mut closed) = (Active::default(), Active::default());
         let total = Motion {
@@ -234,7 +240,8 @@ impl<'a> ToolSystem<'a> {
         Active { bodies: [first.closed_at_start, second.closed_at_start], stops }
     }
 
-    /// Change of the velocities, the set that pushes, and how the search went, as for one body.
+    /// Searches the active set as for one body. Returns the change of the velocities, the set and the status
+    /// of the search; `None` if a system is singular.
     pub fn solve(&mut self) -> Option<(Motion, Active, StepStatus)> {
         let mut status = StepStatus::default();
         let mut left_for_next = Active::default();
@@ -292,11 +299,11 @@ impl<'a> ToolSystem<'a> {
     }
 }
 
-/// Momenta over the step and gravity as a linear system in the changes of (V, ω, q̇), and the inertia at the
+/// Momentum and gravity over the step as a linear system in the changes of (V, ω, q̇), and the inertia at the
 /// start.
 ///
 /// With L(q) and p(q) the momenta at the angle q, the matrix is the derivative of (M V, exp(h ω*) L_n, p_n −
-/// h T_q), and the right-hand side is less what of them has been gained without a change of the velocities.
+/// h T_q), and the right-hand side is h M g minus their change for an unchanged velocity.
 fn momenta(
     tool: &ArticulatedBody,
     linkage: &Linkage,
@@ -316,14 +323,14 @@ fn momenta(
     for (i, row) in system.matrix.iter_mut().enumerate().take(3) {
         row[i] = tool.mass();
     }
-    // L_n: that of the angle at the end, turned on.
+    // exp(h ω*) L_n, with L_n at the angle of the end.
     let (carried, left) = exponential(angular * dt);
     let momentum = end.momentum(angular, rate);
     let carried_on = carried * momentum;
     let by_spin = end.whole + carried * end.whole - cross_columns((momentum + carried_on) * dt, &left);
     let by_rate = end.shared + end.momentum_slope(angular, rate) * dt;
     let gained = carried_on + (momentum - now.momentum(angular, rate));
-    // p_n less h T_q.
+    // p_n − h T_q.
     let hinge_gained = end.hinge_momentum(angular, rate)
         - now.hinge_momentum(angular, rate)
         - dt * half_way.energy_slope(angular, rate);

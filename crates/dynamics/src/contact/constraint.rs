@@ -40,7 +40,7 @@ impl SurfaceMotion {
         self.velocity != DVec3::ZERO || self.angular != DVec3::ZERO
     }
 
-    /// The surface of the same object at rest.
+    /// The same object's surface at rest.
     pub(super) fn stopped(&self) -> Self {
         Self { object: self.object, ..Self::STILL }
     }
@@ -65,14 +65,14 @@ impl MovingBody {
     /// An object at rest that receives no reactions.
     pub const STILL: Self = Self { twist: Twist::ZERO, object: None };
 
-    /// Motion of its surface at a point of the world (m).
+    /// Motion of the object's surface at a point of the world (m).
     pub(super) fn surface_at(&self, point: DVec3) -> SurfaceMotion {
         let Self { twist, object } = *self;
         SurfaceMotion { velocity: twist.velocity_at(point), angular: twist.angular, object }
     }
 }
 
-/// A contact that stands for a patch of contacts.
+/// A contact that represents a patch of contacts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactPatch {
     /// The contact, in world axes.
@@ -102,11 +102,11 @@ pub struct PlaneConstraint {
     pub damping: f64,
     /// d, m.
     pub tolerance: f64,
-    /// τ, s: time before it closes from which the constraint brakes; 0 to not brake before.
+    /// τ, s: time before closing from which the constraint brakes; 0 for no braking.
     pub braking_time: f64,
     /// Friction between the surfaces.
     pub friction: Friction,
-    /// Radius of the patch that the contact stands for, m.
+    /// Radius of the patch that the contact represents, m.
     pub radius: f64,
     /// Anchor of the friction spring.
     pub anchor: FrictionAnchor,
@@ -119,15 +119,14 @@ pub struct PlaneConstraint {
 pub(crate) struct ContactState {
     /// a = R r.
     pub arm: DVec3,
-    /// ∂δ/∂x and ∂δ/∂φ, the direction of the contact's wrench: n and a × n where there are no curvature
-    /// terms.
+    /// ∂δ/∂x and ∂δ/∂φ, the direction of the contact's wrench: n and a × n if there are no curvature terms.
     pub direction: DVec3,
     pub moment: DVec3,
-    /// v + ω × a, of the point, less the surface's velocity, m/s.
+    /// Velocity of the point relative to the surface, v + ω × a − v_s, m/s.
     pub velocity: DVec3,
-    /// δ + d.
+    /// δ + d, m.
     pub overlap: f64,
-    /// δ̇.
+    /// δ̇, m/s.
     pub rate: f64,
 }
 
@@ -147,8 +146,8 @@ impl PlaneConstraint {
         surface: SurfaceMotion::STILL,
     };
 
-    /// The plane of a contact found while the body was at a pose; `None` if that is not finite or has no
-    /// normal.
+    /// Makes the plane of a contact found while the body was at a pose; `None` if the contact is not finite
+    /// or has no normal.
     pub(super) fn found(patch: &ContactPatch, pose: &Pose, gains: &ContactParameters) -> Option<Self> {
         let ContactPatch { contact, radius } = *patch;
         let length = contact.normal.length();
@@ -171,8 +170,11 @@ impl PlaneConstraint {
         })
     }
 
-    // The steps at each contact are inlined: results that go through memory cost more than the arithmetic.
+    // The functions called for each contact are inlined: passing results through memory costs more than the
+    // arithmetic.
 
+    /// Evaluates the plane at a state, without curvature terms: δ = n · (x + a − p₀), δ̇ = n · (v + ω × a −
+    /// v_s).
     #[inline(always)]
     pub(crate) fn at(&self, state: &BodyState, rotation: &DMat3) -> ContactState {
         let arm = *rotation * self.point;
@@ -184,14 +186,14 @@ impl PlaneConstraint {
         ContactState { arm, direction: self.normal, moment, velocity, overlap, rate }
     }
 
-    /// λ at a state: size of the repulsive force, N, never negative.
+    /// λ at a state: max(0, k (δ + d) + b δ̇) for a closed contact, N.
     pub(crate) fn normal_force(&self, at: &ContactState) -> f64 {
         let stiffness = self.stiffness_at(at.overlap);
         stiffness.map_or(0.0, |stiffness| (stiffness * at.overlap + self.damping * at.rate).max(0.0))
     }
 
-    /// dλ/dδ, N/m, given δ + d: k where the contact is closed, b/τ where it brakes before; `None` where it
-    /// has no force.
+    /// dλ/dδ, N/m, given δ + d: k for a closed contact, b/τ for one that brakes before; `None` if it has no
+    /// force.
     pub(crate) fn stiffness_at(&self, overlap: f64) -> Option<f64> {
         if overlap > 0.0 {
             Some(self.stiffness)
@@ -200,12 +202,12 @@ impl PlaneConstraint {
         }
     }
 
-    /// Whether the constraint brakes before it is closed, as one of an approaching contact.
+    /// Whether the constraint brakes before it is closed, as for an approaching contact.
     pub(super) fn brakes(&self) -> bool {
         self.braking_time > 0.0
     }
 
-    /// λ that bounds friction: that of a closed contact, N, and 0 while it only brakes.
+    /// λ that bounds friction, N: 0 while the contact only brakes.
     pub(crate) fn gripping_force(&self, at: &ContactState) -> f64 {
         if at.overlap > 0.0 { self.normal_force(at) } else { 0.0 }
     }
@@ -215,7 +217,7 @@ impl PlaneConstraint {
         at.arm.cross(self.normal.cross(angular)) * self.damping
     }
 
-    /// Moves plane and anchor on with the surface for a time (s).
+    /// Moves plane and anchor along with the surface for a time (s).
     pub(super) fn advance(&mut self, dt: f64) {
         let SurfaceMotion { velocity, angular, .. } = self.surface;
         self.scene_point += velocity * dt;

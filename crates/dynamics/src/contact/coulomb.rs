@@ -6,21 +6,22 @@
 //!
 //! F_t = −s (k ξ + b v_t),  s = min(1, μ λ / ‖k ξ + b v_t‖),
 //!
-//! so that a contact sticks (s = 1) as long as it can, without drift, and slides at the Coulomb limit
-//! otherwise. At the end of each step the anchor is drawn after the point, as far as the spring alone exceeds
-//! the limit: it never holds more energy than it was given. Between sticking and sliding the force is
-//! continuous. The coefficient falls with the speed of sliding, from the static one to the dynamic one, μ =
-//! μ_d + (μ_s − μ_d) / (1 + (v / v_s)²) (Stribeck), so that the force does not jump when a contact breaks
-//! away either.
+//! so that a contact sticks (s = 1) without drift within the Coulomb limit, and slides at the limit beyond
+//! it. At the end of each step the anchor is moved along with the point, as far as the spring alone exceeds
+//! the limit: the spring never stores more energy than it was given. Between sticking and sliding the force
+//! is continuous. The coefficient falls with the sliding speed, from the static to the dynamic one, μ = μ_d +
+//! (μ_s − μ_d) / (1 + (v / v_s)²) (Stribeck), so that the force does not jump either when a contact breaks
+//! away.
 //!
-//! A contact that stands for a patch of contacts, of radius ρ, resists spinning too: by ρ² (k τ + b ω_n),
-//! with τ the angle that it has turned about its normal. Sliding and spinning share the limit, (F_t / μ λ)² +
-//! (T_n / ρ μ λ)² ≤ 1, the ellipsoid that is usual for soft fingers (Howe and Cutkosky 1996): a patch that
-//! spins slides easily.
+//! A contact that represents a patch of contacts of radius ρ resists spinning too, by ρ² (k τ + b ω_n), where
+//! τ is the angle that it has turned about its normal. Sliding and spinning share the limit, (F_t / μ λ)² +
+//! (T_n / ρ μ λ)² ≤ 1, the usual ellipsoid of soft fingers (Howe and Cutkosky 1996): a patch that spins
+//! slides easily.
 
 use glam::{DQuat, DVec3};
 
-/// v_s: speed of sliding at which the coefficient is half way from static to dynamic, m/s.
+/// v_s: sliding speed at which the coefficient is halfway between static and dynamic, m/s. With less,
+/// contacts break away with a step in force.
 const STRIBECK_SPEED: f64 = 0.005;
 
 /// Coulomb friction between two surfaces.
@@ -41,12 +42,12 @@ impl Friction {
         Self { static_coefficient: coefficient, dynamic_coefficient: coefficient }
     }
 
-    /// Whether there is any.
+    /// Whether there is friction.
     pub fn is_some(&self) -> bool {
         self.static_coefficient > 0.0 || self.dynamic_coefficient > 0.0
     }
 
-    /// μ at a speed of sliding, given its square, m²/s².
+    /// μ at a sliding speed, given its square, m²/s².
     pub(crate) fn coefficient(&self, speed_squared: f64) -> f64 {
         self.dynamic_coefficient
             + (self.static_coefficient - self.dynamic_coefficient) / stribeck(speed_squared)
@@ -56,18 +57,15 @@ impl Friction {
     /// a normal force (N, not negative).
     #[inline(always)]
     pub(crate) fn share(&self, trial: &Strain, slide: &Strain, normal_force: f64) -> f64 {
-        // Held at the lower coefficient, and so at any: no square root, no division.
-        let surely = self.least() * normal_force;
+        // A force within the limit of the lower coefficient is held at any speed: no square root, no
+        // division.
+        let least = self.static_coefficient.min(self.dynamic_coefficient) * normal_force;
         let square = trial.length_squared();
-        if square <= surely * surely {
+        if square <= least * least {
             return 1.0;
         }
-        share_within(self.coefficient(slide.length_squared()) * normal_force, square.sqrt())
-    }
-
-    /// Lower of the two coefficients.
-    fn least(&self) -> f64 {
-        self.static_coefficient.min(self.dynamic_coefficient)
+        let (limit, size) = (self.coefficient(slide.length_squared()) * normal_force, square.sqrt());
+        if size > limit { limit / size } else { 1.0 }
     }
 
     /// (dμ/dv) / v, s²/m², given v².
@@ -83,18 +81,13 @@ fn stribeck(speed_squared: f64) -> f64 {
     1.0 + speed_squared * (1.0 / (STRIBECK_SPEED * STRIBECK_SPEED))
 }
 
-/// s: share of a trial force that is within a limit.
-fn share_within(limit: f64, trial: f64) -> f64 {
-    if trial > limit { limit / trial } else { 1.0 }
-}
-
-/// Placement of the body in which the friction spring of a contact is relaxed.
+/// Placement of the body at which the friction spring of a contact is relaxed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrictionAnchor {
     /// Anchor of the body's point in the world, m; only its place along the contact's plane counts.
     pub point: DVec3,
-    /// Orientation of the body in which the contact is not twisted; [`DQuat::IDENTITY`] also where nothing
-    /// resists spinning.
+    /// Orientation of the body at which the contact is not twisted; [`DQuat::IDENTITY`] also if the contact
+    /// does not resist spinning.
     pub rotation: DQuat,
 }
 
@@ -109,7 +102,8 @@ impl Default for FrictionAnchor {
     }
 }
 
-/// Strain of a contact along its plane or the rate of it: ξ or v_t, m or m/s, and ρ τ or ρ ω_n likewise.
+/// Strain of a contact's spring, or its rate, or the force that it causes: along the plane (ξ or v_t, m or
+/// m/s) and about the normal (ρ τ or ρ ω_n).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Strain {
     pub along: DVec3,

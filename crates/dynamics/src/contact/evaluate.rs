@@ -1,4 +1,4 @@
-//! Evaluation of all contacts at a state of the body: wrench, Jacobian, reactions on the scene's objects,
+//! Evaluation of all contacts at a state of the body: wrench, Jacobian, reactions on the scene's objects and
 //! energy.
 
 use std::num::NonZeroU32;
@@ -18,7 +18,7 @@ use crate::rotation::{skew, skew_skew};
 pub struct ContactResponse {
     /// Sum of F_p and T_p on the body, about its centre of mass.
     pub wrench: Wrench,
-    /// Derivatives of the wrench; contacts that push with no force add nothing.
+    /// Derivatives of the wrench; contacts without force add nothing.
     pub jacobian: WrenchJacobian,
     /// Bit i is set if contact i pushes.
     pub active: u64,
@@ -65,7 +65,7 @@ impl LinearContactModel {
         sum
     }
 
-    /// Wrench and derivatives at a state (Eq. 5.37–5.46 as corrected, by rotation vector).
+    /// Wrench and derivatives at a state (Eq. 5.37–5.46, corrected, by rotation vector).
     pub fn evaluate(&self, state: &BodyState) -> ContactResponse {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let mut response =
@@ -101,10 +101,11 @@ impl LinearContactModel {
         let stiffness = c.stiffness_at(at.overlap).unwrap_or(0.0);
         let by_turn = at.moment * stiffness + c.swept(at, state.twist.angular);
         let mut pose = Block6::outer(direction, (at.direction * stiffness, by_turn));
-        // −λ ∂(a × n), by the turning of the arm.
+        // The arm turns: −λ ∂(a × n)/∂φ.
         pose.torque_angular += skew_skew(c.normal * -normal, at.arm);
         for term in self.terms_of(index) {
-            // A term with s and the gradient b = ∂s adds curvature · b bᵀ to the second derivative of δ.
+            // A term of s with gradient b = ∂s adds curvature · b bᵀ to the second derivative of δ, which
+            // enters by −λ ∂∇δ and by the rate of ∇δ in ∂δ̇.
             let term = term.at(state);
             let (along, turn) = (term.linear * term.curvature, term.angular * term.curvature);
             pose += Block6::outer((term.linear * -normal, term.angular * -normal), (along, turn));
@@ -117,8 +118,8 @@ impl LinearContactModel {
     }
 
     /// Wrenches **on the scene's objects** that receive reactions, one for each contact, about the world's
-    /// origin, with the body at a state. Together with those on the other objects, which are left out, they
-    /// add up to the reverse of [`wrench`](Self::wrench).
+    /// origin, with the body at a state. Together with those on the other objects, which are left out, their
+    /// sum is the opposite of [`wrench`](Self::wrench).
     pub fn reactions(&self, state: &BodyState) -> impl Iterator<Item = (NonZeroU32, Wrench)> {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let state = *state;
@@ -133,7 +134,7 @@ impl LinearContactModel {
         })
     }
 
-    /// Energy held in the contact springs, J.
+    /// Energy stored in the contact springs, J.
     pub fn potential_energy(&self, pose: &Pose) -> f64 {
         let state = BodyState::at_rest(*pose);
         let rotation = DMat3::from_quat(pose.rotation);

@@ -1,5 +1,4 @@
-//! Spring and damper that hold a contact's point along its plane, as far as [Coulomb's law](super::coulomb)
-//! allows.
+//! Spring and damper that hold a contact's point along its plane, within [Coulomb's law](super::coulomb).
 
 use glam::{DMat3, DQuat, DVec3};
 use palpate_core::Wrench;
@@ -26,7 +25,7 @@ pub(crate) struct FrictionForce {
 }
 
 impl PlaneConstraint {
-    /// ξ, m, and ρ τ, m.
+    /// Strain of the spring: ξ, m, and ρ τ, m.
     #[inline(always)]
     pub(super) fn stretch(&self, state: &BodyState, at: &ContactState) -> Strain {
         let along = self.along_plane(state.pose.translation + at.arm - self.anchor.point);
@@ -36,28 +35,28 @@ impl PlaneConstraint {
         Strain { along, spin: self.twisted(state) }
     }
 
-    /// ρ τ, with twice the half angle's sine for τ.
+    /// ρ τ, m, with 2 sin(τ/2) in place of τ.
     #[inline(never)]
     fn twisted(&self, state: &BodyState) -> f64 {
         let (turn, real) = self.turned(state);
         self.radius * 2.0 * real.signum() * turn.dot(self.normal)
     }
 
-    /// v_t, m/s, and ρ ω_n, m/s.
+    /// Strain rate: v_t, m/s, and ρ ω_n, m/s.
     #[inline]
     pub(super) fn slide(&self, state: &BodyState, at: &ContactState) -> Strain {
         let angular = state.twist.angular - self.surface.angular;
         self.velocity_strain(at.velocity, self.normal.dot(at.velocity), angular)
     }
 
-    /// Rate of strain (m/s) by a motion, given the velocity of the point, its part along the normal, and the
+    /// Strain rate (m/s) of a motion, given the velocity of the point, its part along the normal, and the
     /// angular velocity.
     #[inline]
     pub(crate) fn velocity_strain(&self, velocity: DVec3, rate: f64, angular: DVec3) -> Strain {
         Strain { along: velocity - self.normal * rate, spin: self.radius * self.normal.dot(angular) }
     }
 
-    /// Rate of strain (m/s) that the surface's own motion takes off.
+    /// Strain rate (m/s) that the surface's own motion takes off.
     #[inline]
     fn surface_strain(&self) -> Strain {
         let SurfaceMotion { velocity, angular, .. } = self.surface;
@@ -68,7 +67,7 @@ impl PlaneConstraint {
         vector - self.normal * self.normal.dot(vector)
     }
 
-    /// Vector and real part of the turn from the anchor's orientation.
+    /// Vector and real part of the rotation from the anchor's orientation.
     fn turned(&self, state: &BodyState) -> (DVec3, f64) {
         let turn = state.pose.rotation * self.anchor.rotation.conjugate();
         (turn.xyz(), turn.w)
@@ -85,7 +84,7 @@ impl PlaneConstraint {
         self.friction_force_before(0.0, state, at, normal_force)
     }
 
-    /// Friction where the surface was a time (s) before, with the body at the same state.
+    /// Friction with the surface where it was a time (s) before, and the body at the same state.
     #[inline(always)]
     pub(crate) fn friction_force_before(
         &self,
@@ -115,8 +114,8 @@ impl PlaneConstraint {
         friction: &FrictionForce,
     ) -> WrenchJacobian {
         let (n, angular) = (self.normal, state.twist.angular);
-        // P = 1 − n nᵀ takes the point's motion to its part along the plane: ∂ξ/∂x = P, ∂ξ/∂φ = −P a*, and
-        // ∂v_t/∂φ = −P ω* a* for an arm a that turns with the body.
+        // P = 1 − n nᵀ projects the point's motion onto the plane: ∂ξ/∂x = P, ∂ξ/∂φ = −P a*, and ∂v_t/∂φ =
+        // −P ω* a*, since the arm a turns with the body.
         let plane = DMat3::IDENTITY - outer(n, n);
         let by_turn = plane * -skew(at.arm);
         let swept = plane * skew(angular) * -skew(at.arm);
@@ -145,13 +144,13 @@ impl PlaneConstraint {
             twist.limit(friction.share, &direction, &limit_by_twist);
         }
         let mut pose = pose.wrench(at, n, self.radius);
-        // The torque a × F_t by the turning of the arm.
+        // The arm turns too: ∂(a × F_t)/∂φ at a constant F_t is F_t* a*.
         pose.torque_angular += skew_skew(friction.force, at.arm);
         WrenchJacobian { pose, twist: twist.wrench(at, n, self.radius) }
     }
 
-    /// ∂(μ λ) by placement and by velocity, of a contact that slides: μ ∂λ + λ ∂μ, with ∂μ = (dμ/dv / v) v_t
-    /// · ∂v_t.
+    /// ∂(μ λ) = μ ∂λ + λ ∂μ of a sliding contact, by placement and by velocity, with ∂μ = (dμ/dv / v) v_t ·
+    /// ∂v_t.
     fn limit_by(
         &self,
         at: &ContactState,
@@ -177,7 +176,7 @@ impl PlaneConstraint {
         [by_pose, by_twist]
     }
 
-    /// Draws the anchor after the point where the spring exceeds what friction holds.
+    /// Moves the anchor along if the spring exceeds the Coulomb limit.
     #[inline]
     pub(super) fn settle(&mut self, state: &BodyState, rotation: &DMat3) {
         let at = self.at(state, rotation);
@@ -188,21 +187,21 @@ impl PlaneConstraint {
         }
     }
 
-    /// Share of the spring's force, without the damper's, that friction holds.
+    /// Share of the spring's force alone, without the damper's, that friction holds.
     #[inline]
     pub(super) fn share_of_spring(&self, state: &BodyState, at: &ContactState, stretch: &Strain) -> f64 {
         let spring = stretch.scaled(self.stiffness);
         self.friction.share(&spring, &self.slide(state, at), self.gripping_force(at))
     }
 
-    /// Wrench that strains the spring by a strain, about the centre of mass.
+    /// Wrench that gives the spring a strain, about the centre of mass.
     pub(super) fn spring_wrench(&self, at: &ContactState, stretch: &Strain) -> Wrench {
         let spring = stretch.scaled(self.stiffness);
         let couple = self.normal * (self.radius * spring.spin);
         Wrench::new(spring.along, at.arm.cross(spring.along) + couple)
     }
 
-    /// Puts the anchor where the contact has a strain.
+    /// Puts the anchor where the contact has a given strain.
     pub(super) fn set_anchor(&mut self, state: &BodyState, at: &ContactState, stretch: &Strain) {
         self.anchor.point = state.pose.translation + at.arm - stretch.along;
         if self.radius > 0.0 {
@@ -213,7 +212,7 @@ impl PlaneConstraint {
     }
 }
 
-/// The derivative of a strain by a motion.
+/// Derivative of a strain by a motion.
 #[derive(Clone, Copy)]
 struct StrainBy {
     linear: DMat3,
@@ -221,7 +220,7 @@ struct StrainBy {
     spin: Row,
 }
 
-/// The derivative of a number by a motion.
+/// Derivative of a number by a motion.
 #[derive(Clone, Copy)]
 struct Row {
     linear: DVec3,
@@ -229,8 +228,8 @@ struct Row {
 }
 
 impl StrainBy {
-    /// Makes the derivative of a force f that of its direction d times a limit, of which s = limit / ‖f‖:
-    /// s ∂f + d (∂limit − s ∂‖f‖).
+    /// Turns the derivative ∂f of a force into that of the limited force: s ∂f + d (∂limit − s ∂‖f‖), with d
+    /// = f/‖f‖ and s = limit/‖f‖.
     fn limit(&mut self, share: f64, direction: &Strain, limit: &Row) {
         let d = direction.along;
         let across = direction.spin;
@@ -245,6 +244,7 @@ impl StrainBy {
         self.spin.angular = self.spin.angular * share + angular * across;
     }
 
+    /// Derivative of the wrench of the force −f at the contact, without the turning of the arm.
     fn wrench(&self, at: &ContactState, normal: DVec3, radius: f64) -> Block6 {
         let arm = skew(at.arm);
         Block6 {

@@ -1,4 +1,4 @@
-//! Friction between the steps and between models: anchors that yield, and anchors found anew.
+//! Friction between steps and between models: anchors that yield, and anchors of a new model.
 
 use arrayvec::ArrayVec;
 use glam::{DMat3, DVec3};
@@ -11,16 +11,16 @@ use crate::body::BodyState;
 use crate::jacobian::outer;
 use crate::system::{Lateral, Linear, six};
 
-/// Regularisation of the system of [`LinearContactModel::take_over_friction`], relative to its trace: no
-/// unit. With 0 it is singular where contacts do not hold all directions.
+/// Regularisation of the system of [`LinearContactModel::take_over_friction`], relative to its trace. With 0
+/// the system is singular if the contacts leave a direction free.
 const REGULARISATION: f64 = 1e-9;
 
-/// Rounds in which what some contacts cannot hold is left to others.
+/// Number of rounds in which the load that some contacts cannot hold is passed to others. With fewer, a
+/// resting body creeps when a model arrives.
 const TAKE_OVER_ROUNDS: usize = 3;
 
 impl LinearContactModel {
-    /// Lets contacts slide where friction does not hold them. To be called with the state at the end of each
-    /// step.
+    /// Lets contacts slide where friction does not hold them. Called with the state at the end of each step.
     pub fn settle(&mut self, state: &BodyState) {
         let rotation = DMat3::from_quat(state.pose.rotation);
         for constraint in self.constraints_mut().iter_mut().filter(|c| c.friction.is_some()) {
@@ -28,10 +28,10 @@ impl LinearContactModel {
         }
     }
 
-    /// Strains the contacts so that friction holds the body with the wrench that the springs of `other`, the
-    /// model before, have, as far as friction allows. They are strained as if the body had moved by one small
-    /// displacement since, which a 6×6 solve finds. What some cannot hold is left to the others, in a few
-    /// rounds. The contacts of a body at rest hence never creep, however often they are found anew.
+    /// Strains the friction springs so that they hold the body with the same wrench as those of `other`, the
+    /// model before, as far as friction allows. They are strained as if the body had moved by one small
+    /// displacement, found by a 6×6 solve. The load that some cannot hold is passed to the others in a few
+    /// rounds. So the contacts of a body at rest never creep, however often they are found again.
     pub fn take_over_friction(&mut self, other: &Self, state: &BodyState) {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let wanted = other.springs(state, &rotation);
@@ -60,7 +60,7 @@ impl LinearContactModel {
         }
     }
 
-    /// Wrench that strains the friction springs, about the centre of mass.
+    /// Wrench that the friction springs hold, about the centre of mass.
     fn springs(&self, state: &BodyState, rotation: &DMat3) -> Wrench {
         let with_friction = self.constraints().iter().filter(|c| c.friction.is_some());
         with_friction.fold(Wrench::ZERO, |sum, c| {
@@ -75,12 +75,12 @@ struct TransferredFriction<'a> {
     constraint: &'a mut PlaneConstraint,
     at: ContactState,
     stretch: Strain,
-    /// Whether the contact cannot hold more.
+    /// Whether the contact is at its Coulomb limit.
     yields: bool,
 }
 
 impl<'a> TransferredFriction<'a> {
-    /// The contact without strain.
+    /// A contact without strain.
     fn new(constraint: &'a mut PlaneConstraint, state: &BodyState, rotation: &DMat3) -> Self {
         let at = constraint.at(state, rotation);
         Self { constraint, at, stretch: Strain::default(), yields: false }
@@ -102,11 +102,11 @@ impl<'a> TransferredFriction<'a> {
     }
 }
 
-/// Displacement (m, rad) of the body to which the springs of all contacts that do not yield answer with
-/// −`held`.
+/// Displacement u = (x, φ) (m, rad) of the body that loads the springs of all contacts that do not yield with
+/// `held` together: Σ k (P, −P a*; a* P, −a* P a* + ρ² n nᵀ) u = `held`, P = 1 − n nᵀ.
 fn displacement_for(held: &Wrench, taking: &[TransferredFriction<'_>]) -> Option<Twist> {
     let holding = || taking.iter().filter(|one| !one.yields);
-    // Angles times this distance, so that both kinds of unknowns are lengths.
+    // Angles are multiplied by this distance, so that all unknowns are lengths.
     let reach = holding()
         .map(|one| one.constraint.point.length() + one.constraint.radius)
         .fold(f64::MIN_POSITIVE, f64::max);
@@ -114,7 +114,7 @@ fn displacement_for(held: &Wrench, taking: &[TransferredFriction<'_>]) -> Option
     let mut lateral = Lateral::NONE;
     for TransferredFriction { constraint: c, at, .. } in holding() {
         lateral.add(c.stiffness, at.arm / reach);
-        // The spring is along the plane: k (1 − n nᵀ).
+        // The spring acts along the plane only: −k n nᵀ takes off what `lateral` has along the normal.
         let direction = six(c.normal, at.moment / reach);
         linear.add_along(&direction, &direction.map(|value| -c.stiffness * value));
         let radius = c.radius / reach;

@@ -15,23 +15,23 @@
 //!
 //! λ = b (δ̇ + (δ + d) / τ) while that is positive,
 //!
-//! so that the gap that is left is not closed faster than in about τ. The law is continuous with the one
-//! above where the gap closes, and only takes energy. A fast body is slowed before the force is one that a
-//! slow body would feel, and is not behind a thin wall before the next contacts are found (§5.6.1).
+//! so that the remaining gap takes at least about τ to close. The law is continuous with the one
+//! above where the gap closes, and only takes energy. A fast body is slowed before it feels the force of the
+//! closed contact, and does not pass a thin wall before the next contacts are found (§5.6.1).
 //!
-//! The scene may move: a contact knows the [motion of the surface](SurfaceMotion) that it is with. Dampers
-//! and friction act on velocities relative to that, and a step uses the planes and the friction anchors at
+//! The scene may move: each contact has the [motion of its surface](SurfaceMotion). Dampers
+//! and friction act on velocities relative to it, and a step uses the planes and the friction anchors at
 //! its end ([`LinearContactModel::advance`]).
 //!
-//! Where the surfaces have friction, the point is also held along the plane, by a spring and damper of the
+//! With friction, the point is also held along the plane, by a spring and damper of the
 //! same gains that yield at the Coulomb limit ([`coulomb`]).
 //!
 //! A contact between detailed surfaces is more than a plane: [`CurvedContact`], whose [curvature
-//! terms](curvature) let the plane turn as the body moves on.
+//! terms](curvature) turn the plane as the body moves on.
 //!
-//! The stiffness that the body feels is at most the number of contacts times k, and that number is at most
-//! [`MAX_CLUSTERS`]: this is what the clustering of §5.4.2 is for. While one model [blends
-//! into](crate::ContactBlend) the next, the two share it.
+//! The stiffness that the body feels is at most k times the number of contacts, which is at most
+//! [`MAX_CLUSTERS`]: this is the purpose of the clustering of §5.4.2. While one model [blends
+//! into](crate::ContactBlend) the next, the two share the stiffness.
 //!
 //! Each file uses only those before it: [`coulomb`], [`constraint`], [`friction`], [`curvature`], [`model`],
 //! and on top [`evaluate`] and [`friction_transfer`].

@@ -1,5 +1,5 @@
-//! The contacts that the contact thread hands to the haptic thread: storage, budgets, and motion with the
-//! scene.
+//! The contact model that the contact thread passes to the haptic thread: storage, budgets, and motion with
+//! the scene.
 
 use arrayvec::ArrayVec;
 use glam::DMat3;
@@ -19,18 +19,18 @@ pub const MAX_APPROACHING: usize = 4;
 /// other.
 pub const MAX_CONSTRAINTS: usize = 2 * (MAX_CLUSTERS + MAX_APPROACHING);
 
-/// Largest number of curvature terms: all that so many curved contacts can have.
+/// Largest number of curvature terms, if all contacts are curved.
 const MAX_CURVATURE_TERMS: usize = MAX_CONSTRAINTS * MAX_TERMS;
 
-/// Class of a contact. Each has a budget of its own in a model.
+/// Class of a contact. Each class has its own budget in a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ContactClass {
-    /// Within the tolerance d, of which there are at most [`MAX_CLUSTERS`].
+    /// Contact within the tolerance d; at most [`MAX_CLUSTERS`].
     Touching,
-    /// Further apart, with a body that comes closer, of which there are at most [`MAX_APPROACHING`].
+    /// Contact further apart that the body approaches; at most [`MAX_APPROACHING`].
     Approaching {
-        /// τ, s: time before it closes from which the contact brakes the body. With 0 it is one of the
-        /// touching ones.
+        /// τ, s: time before closing from which the contact brakes the body. With 0 it counts as a touching
+        /// contact.
         braking_time: f64,
     },
 }
@@ -38,7 +38,7 @@ pub enum ContactClass {
 /// A contact to add to a model.
 #[derive(Clone, Copy, Debug)]
 pub enum FoundContact<'a> {
-    /// Found at the pose of the model.
+    /// A contact with a plane, found at the pose of the model.
     Plane(ContactPatch),
     /// A contact of detailed surfaces, and the pose of the body at which it was found.
     Curved(&'a CurvedContact, &'a Pose),
@@ -56,12 +56,11 @@ impl From<ContactPatch> for FoundContact<'_> {
     }
 }
 
-/// The latest contacts, from which the haptic thread evaluates force and derivatives on its own: fixed size,
-/// `Copy`, nothing on the heap.
+/// The latest contacts, from which the haptic thread evaluates force and derivatives by itself. The size is
+/// fixed and nothing is on the heap.
 ///
-/// Touching and approaching contacts have a [budget](ContactClass) each. Where it is used up, the shallowest
-/// of the class gives way, or the new one if that is the shallowest. All that are left out are counted
-/// ([`Self::overflow`]).
+/// Touching and approaching contacts have a [budget](ContactClass) each. When it is used up, the shallowest
+/// contact of the class is dropped, the new one included. Dropped contacts are counted ([`Self::overflow`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearContactModel {
     constraints: [PlaneConstraint; MAX_CONSTRAINTS],
@@ -72,16 +71,16 @@ pub struct LinearContactModel {
     refused: u32,
     pose: Pose,
     time: f64,
-    /// Whether a surface moves.
+    /// Whether a contact's surface moves.
     moves: bool,
-    /// Whether an object receives reactions.
+    /// Whether a contact's object receives reactions.
     reacts: bool,
-    /// Time that surfaces have moved on for, s.
+    /// Time by which surfaces have been advanced, s.
     advanced: f64,
 }
 
 impl LinearContactModel {
-    /// A model without contacts, as of `time` (s).
+    /// A model without contacts at `time` (s).
     pub const fn empty(pose: &Pose, time: f64) -> Self {
         Self {
             constraints: [PlaneConstraint::NONE; MAX_CONSTRAINTS],
@@ -98,8 +97,8 @@ impl LinearContactModel {
         }
     }
 
-    /// The model of touching `contacts` with objects at rest, found while the body was at `pose`, stamped
-    /// with `time` (s, the caller's clock): each is [pushed](Self::push).
+    /// Makes the model of touching `contacts` with objects at rest, found while the body was at `pose` at
+    /// `time` (s, the caller's clock): each is [pushed](Self::push).
     pub fn from_contacts(
         contacts: impl IntoIterator<Item = impl Into<ContactPatch>>,
         pose: &Pose,
@@ -113,14 +112,14 @@ impl LinearContactModel {
         model
     }
 
-    /// Adds a contact with an object that may move. Where its class is full, the shallowest of the class is
-    /// left out ([`Self::overflow`]). A contact that is not finite, or has no normal or gradient, is refused
-    /// ([`Self::refused`]).
+    /// Adds a contact with an object that may move. If its class is full, the shallowest contact of the class
+    /// is dropped ([`Self::overflow`]). A contact that is not finite, or has no normal or gradient, is
+    /// refused ([`Self::refused`]).
     ///
-    /// At the pose of the model a touching contact with an object at rest pushes with k (δ + d) exactly, δ
-    /// being the depth it came with: the plane is put at p − δ n (Eq. 5.36) even where the contact's own p₀
-    /// differs. The gains of a curved one are those of a plane along the depth's gradient (Eqs. 5.51–5.56);
-    /// the motion of the scene's object counts for that plane and not for the curvature terms.
+    /// At the pose of the model a touching contact with an object at rest pushes with exactly k (δ + d) for
+    /// its given depth δ: the plane is put at p − δ n (Eq. 5.36), even if the contact's own p₀ differs. A
+    /// curved contact has the gains of a plane along the depth's gradient (Eqs. 5.51–5.56); the motion of the
+    /// scene's object moves that plane but not the curvature terms.
     pub fn push<'a>(
         &mut self,
         class: ContactClass,
@@ -147,13 +146,13 @@ impl LinearContactModel {
     }
 
     /// Adds a constraint as it is, without curvature terms: as an approaching contact if it has a braking
-    /// time, and as a touching one if not. It has a place in the model only as long as the budget of its
-    /// class allows, as with [`Self::push`].
+    /// time, and as a touching one if not. The budget of its class applies as in [`Self::push`].
     pub fn push_constraint(&mut self, constraint: PlaneConstraint) {
         self.push_within_budget(constraint, &[]);
     }
 
-    /// Adds a contact if its class has room for it, or a contact that is shallower.
+    /// Adds a contact if its class has room, or in place of the shallowest contact of the class if that is
+    /// shallower.
     fn push_within_budget(&mut self, constraint: PlaneConstraint, terms: &[CurvatureTerm]) {
         let brakes = constraint.brakes();
         let budget = if brakes { MAX_APPROACHING } else { MAX_CLUSTERS };
@@ -179,7 +178,7 @@ impl LinearContactModel {
         at.overlap - c.tolerance + terms.map(|term| term.at(&state).value).sum::<f64>()
     }
 
-    /// Puts a contact in the place of another one, whose curvature terms go with it.
+    /// Replaces a contact, whose curvature terms are removed, by another.
     fn replace(&mut self, index: usize, constraint: PlaneConstraint, terms: &[CurvatureTerm]) {
         self.constraints[index] = constraint;
         let mut kept = 0;
@@ -195,7 +194,7 @@ impl LinearContactModel {
         self.reacts = self.constraints().iter().any(|c| c.surface.object.is_some());
     }
 
-    /// Adds a contact at the end, whatever its class.
+    /// Appends a contact, whatever its class.
     fn append<'a>(
         &mut self,
         constraint: &PlaneConstraint,
@@ -212,7 +211,7 @@ impl LinearContactModel {
         self.reacts |= constraint.surface.object.is_some();
     }
 
-    /// Adds curvature terms of a contact, for which there is always room: as many as all contacts can have.
+    /// Appends the curvature terms of a contact. There is room for those of all contacts.
     fn append_terms<'a>(&mut self, index: usize, terms: impl IntoIterator<Item = &'a CurvatureTerm>) {
         for (place, term) in self.terms[self.term_count..].iter_mut().zip(terms) {
             *place = term.of(index);
@@ -235,7 +234,7 @@ impl LinearContactModel {
         &self.constraints[..self.count]
     }
 
-    /// Copies another model, at the cost of the contacts that it has.
+    /// Copies another model; only the contacts that it has are copied.
     pub(crate) fn assign(&mut self, other: &Self) {
         let Self { constraints, count, terms, term_count, overflow, refused, pose, time, .. } = other;
         self.constraints[..*count].copy_from_slice(&constraints[..*count]);
@@ -247,16 +246,16 @@ impl LinearContactModel {
         (self.moves, self.reacts, self.advanced) = (other.moves, other.reacts, other.advanced);
     }
 
-    /// Moves the surfaces on for a time (s): planes and friction anchors. A step of `dt` uses them where they
-    /// are at its end. They move for [`Self::LONGEST_MOTION`] at most, and then stand still: without a newer
-    /// model nothing is known of them.
+    /// Moves planes and friction anchors along with their surfaces for a time (s). A step of `dt` uses them
+    /// where they are at its end. Surfaces move for [`Self::MAX_SURFACE_MOTION`] at most and then stand
+    /// still, since their motion is not known without a newer model.
     pub fn advance(&mut self, dt: f64) {
         if !(self.moves && dt > 0.0) {
             return;
         }
-        let dt = dt.min(Self::LONGEST_MOTION - self.advanced);
+        let dt = dt.min(Self::MAX_SURFACE_MOTION - self.advanced);
         self.advanced += dt;
-        let ends = self.advanced >= Self::LONGEST_MOTION;
+        let ends = self.advanced >= Self::MAX_SURFACE_MOTION;
         for constraint in self.constraints_mut() {
             constraint.advance(dt);
             if ends {
@@ -266,15 +265,16 @@ impl LinearContactModel {
         self.moves &= !ends;
     }
 
-    /// Longest time that surfaces move on from where they were found, s.
-    pub const LONGEST_MOTION: f64 = 0.05;
+    /// Longest time that surfaces move on from where they were found, s. With more, a model that is not
+    /// replaced carries contacts away from the objects.
+    pub const MAX_SURFACE_MOTION: f64 = 0.05;
 
     /// Whether some contacts are with objects that receive [reactions](Self::reactions).
     pub fn reacts(&self) -> bool {
         self.reacts
     }
 
-    /// Scales the gains of all constraints but the first ones.
+    /// Scales the gains of the constraints from index `first` on.
     pub(crate) fn scale_from(&mut self, first: usize, share: f64) {
         for constraint in &mut self.constraints_mut()[first..] {
             constraint.stiffness *= share;
@@ -282,8 +282,8 @@ impl LinearContactModel {
         }
     }
 
-    /// Adds those contacts of another model whose bits are set, with their curvature terms. The budgets of
-    /// classes do not count here: there is room for all contacts of two models.
+    /// Appends those contacts of another model whose bits are set, with their curvature terms. The budgets of
+    /// classes do not apply: there is room for all contacts of two models.
     pub(crate) fn extend(&mut self, other: &Self, chosen: u64) {
         for (i, constraint) in other.constraints().iter().enumerate() {
             if chosen & (1 << i) != 0 {
@@ -292,7 +292,7 @@ impl LinearContactModel {
         }
     }
 
-    /// The contact with an index at a state, with its curvature terms; `rotation` is the body's.
+    /// Evaluates a contact at a state, with its curvature terms; `rotation` is the body's.
     #[inline(always)]
     pub(crate) fn at(&self, index: usize, state: &BodyState, rotation: &DMat3) -> ContactState {
         let mut at = self.constraints[index].at(state, rotation);
@@ -302,7 +302,8 @@ impl LinearContactModel {
         at
     }
 
-    /// Adds the curvature terms of a contact: depth, its gradient, and hence the rate ∇δ · (v, ω).
+    /// Adds the curvature terms of a contact to its depth and gradient, and updates the rate δ̇ = ∇δ · (v −
+    /// v_s, ω).
     #[inline(never)]
     fn add_curvature(&self, index: usize, state: &BodyState, at: &mut ContactState) {
         for term in self.terms_of(index) {
@@ -324,7 +325,7 @@ impl LinearContactModel {
         self.count == 0
     }
 
-    /// Number of contacts that were left out because their class was full.
+    /// Number of contacts that were dropped because their class was full.
     pub fn overflow(&self) -> u32 {
         self.overflow
     }
@@ -350,7 +351,7 @@ impl LinearContactModel {
     }
 
     /// Largest displacement of a contact's point on the body since the contacts were found, m (0 without
-    /// contacts). Plane constraints hold for motions small against the features of the scene.
+    /// contacts). Plane constraints are valid for motions small against the features of the scene.
     pub fn displacement(&self, pose: &Pose) -> f64 {
         self.constraints().iter().fold(0.0, |most: f64, c| {
             most.max((pose.transform_point(c.point) - self.pose.transform_point(c.point)).length())

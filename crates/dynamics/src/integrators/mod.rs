@@ -1,9 +1,9 @@
 //! Integrators of the grasped body's motion behind one trait (§5.2.2).
 //!
 //! All take one haptic frame, [`Frame`], under the same rules as [`semi_implicit_step`]: the device stands at
-//! its sampled pose with its sampled velocity for the whole step, contacts only push, what cannot be computed
-//! is refused with a reason, and nothing allocates or panics. They turn the body by the exponential of a
-//! rotation vector, and they carry the angular momentum, so that a body of any inertia spins freely.
+//! its sampled pose with its sampled velocity for the whole step, contacts only push, a step that cannot be
+//! computed is refused with a reason, and nothing allocates or panics. They turn the body by the exponential
+//! of a rotation vector, and they carry the angular momentum, so that a body of any inertia spins freely.
 
 #[cfg(feature = "integrators")]
 mod comparison;
@@ -40,8 +40,8 @@ pub trait Integrator: Debug + Send + Sync {
     /// The method's name.
     fn name(&self) -> &'static str;
 
-    /// Advances the body by `dt` (s), and evaluates at the new state the wrench for the device. Refuses what
-    /// [`semi_implicit_step`] refuses, in the same way.
+    /// Advances the body by `dt` (s), and evaluates the wrench for the device at the new state. Refuses the
+    /// same inputs as [`semi_implicit_step`].
     fn step(&self, frame: &Frame<'_>, state: &BodyState, dt: f64) -> Step;
 }
 

@@ -6,7 +6,7 @@ use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
 use super::*;
 
-/// A Phantom Premium's figures.
+/// Values of a Phantom Premium.
 fn limits(sampling: Sampling) -> PortLimits {
     PortLimits {
         translation: PortAxes {
@@ -106,14 +106,14 @@ fn angles(count: u32) -> impl Iterator<Item = f64> {
     (1..=count).map(move |i| PI * (f64::from(i) / f64::from(count)).powf(1.5))
 }
 
-/// The most that spring and lagged damper need at any frequency.
+/// Largest damping that spring and lagged damper need at any frequency.
 fn needed(stiffness: f64, damping: f64, lag: f64, sampling: &Sampling) -> f64 {
     angles(2000)
         .map(|angle| needed_at(law(stiffness, damping, lag, sampling.period, angle).1, sampling, angle))
         .fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// A delay of none, of whole periods, of part of one, of some and of many.
+/// Delays of zero, whole periods, and parts of periods.
 fn random_delay(rng: &mut StdRng, kind: usize, period: f64) -> f64 {
     period
         * match kind % 5 {
@@ -237,7 +237,7 @@ fn auto_gains_are_passive_for_every_mass_rate_and_delay() {
     }
 }
 
-/// How much of the device's damping is left at an angle ωT, at least: the smaller eigenvalue of diag(b, b_θ)
+/// Smallest rest of the device's damping at an angle ωT: the smaller eigenvalue of diag(b, b_θ)
 /// less the Hermitian part of what the coupling renders, each divided by the root of its damping. For delays
 /// of whole periods.
 fn left_at(limits: &PortLimits, coupling: &VirtualCoupling, lags: (f64, f64), angle: f64) -> f64 {
@@ -246,7 +246,7 @@ fn left_at(limits: &PortLimits, coupling: &VirtualCoupling, lags: (f64, f64), an
         late(law(stiffness, damping, lag, sampling.period, angle).1, sampling, angle).0
     };
     let (k, b) = (coupling.linear_stiffness, coupling.linear_damping);
-    // The force answers v and ω, and turns the handle by the lever.
+    // The force responds to v and ω, and turns the handle by the lever.
     let (along, across) = (q(k, b, lags.0), q(k, b, lags.1));
     let own = q(coupling.angular_stiffness, coupling.angular_damping, lags.1);
     let (v, w) = (translation.viscous.unwrap(), rotation.viscous.unwrap());
@@ -307,7 +307,7 @@ fn a_lever_takes_of_the_rotation_and_then_of_the_translation() {
         assert!(linear > 0.0 && angular + linear * lever * lever <= 0.15 * (1.0 + 1e-12), "{lever} m");
         before = linear;
     }
-    // A tenth of the lever's own share is what √(b/b_θ) = 31.6/m adds to ℓ² at 0.1 m.
+    // √(b/b_θ) = 31.6/m adds a tenth of the lever's own share to ℓ² at 0.1 m.
     assert!((at(0.1).0 - 0.075 / (0.01 + 0.1 / 1000_f64.sqrt())).abs() < 1e-9, "{}", at(0.1).0);
 
     // Where no torque reaches the hand, no lever limits it; where no force does, the rotation has all of its
@@ -334,8 +334,8 @@ fn gains_that_were_given_stay_and_lags_follow_the_lever() {
     assert!(damping(0.02).1 / (short.1 + 5e-4) < damping(0.0).1 / (3e-3 + 5e-4));
 }
 
-/// What the maker calls stable at 1 kHz is passive for a device of some damping. With no more than that, what
-/// is chosen of the maker's figures alone is passive, too, at any rate and delay.
+/// The stiffness that the maker states as stable at 1 kHz is passive for a device of some damping. With that
+/// damping, the gains chosen from the maker's values alone are passive too, at any rate and delay.
 #[test]
 fn the_makers_figures_alone_are_enough_with_a_delay() {
     let seed = 78;

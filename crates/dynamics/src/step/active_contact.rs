@@ -1,4 +1,4 @@
-//! One contact of a step, linearised at the start of it.
+//! One contact of a step, linearised at its start.
 
 use glam::DVec3;
 use palpate_core::Twist;
@@ -6,15 +6,15 @@ use palpate_core::Twist;
 use crate::body::BodyState;
 use crate::contact::{ContactState, FrictionForce, PlaneConstraint, Strain};
 
-/// A contact as the step's linear systems see it. Its wrench is along (direction, moment), which also takes
-/// the velocity to δ̇.
+/// A contact in the step's linear systems. D = (direction, moment) is the direction of its wrench, and δ̇ = D
+/// · (v, ω).
 #[derive(Clone, Copy)]
 pub(crate) struct ActiveContact {
-    /// a.
+    /// Lever arm a of the contact's point, m.
     pub(super) arm: DVec3,
-    /// n where there are no curvature terms.
+    /// ∂δ/∂x: n if there are no curvature terms.
     pub(super) direction: DVec3,
-    /// a × n where there are no curvature terms.
+    /// ∂δ/∂φ: a × n if there are no curvature terms.
     pub(super) moment: DVec3,
     /// h ∂(b δ̇)/∂φ, or zero without geometric stiffness.
     pub(super) swept: DVec3,
@@ -43,7 +43,8 @@ pub(super) struct FrictionTerm {
 }
 
 impl FrictionTerm {
-    /// `force`: λ at the end of the step if the velocity does not change, N; `at_start`: λ at the start, N.
+    /// Linearises friction. `force` is λ at the end of the step if the velocity does not change, `at_start` λ
+    /// at the start, N.
     #[inline(always)]
     fn new(
         c: &PlaneConstraint,
@@ -52,15 +53,15 @@ impl FrictionTerm {
         [force, at_start]: [f64; 2],
         dt: f64,
     ) -> Self {
-        // The anchors are where they will be at the end of the step already.
+        // Anchors have already been moved to where they are at the end of the step.
         let FrictionForce { force: force_at_start, trial, slide, .. } =
             c.friction_force_before(dt, state, at, at_start);
-        // k (ξ + h v_t) + b v_t.
+        // The trial force at the end: k (ξ + h v_t) + b v_t.
         let trial = trial.plus(&slide.scaled(c.stiffness * dt));
         Self { slide, trial, share: c.friction.share(&trial, &slide, force.max(0.0)), force_at_start }
     }
 
-    /// s after the rate of strain has changed by `gained` (m/s), in a contact that pushes with `force` (N).
+    /// s after the strain rate has changed by `gained` (m/s), in a contact that pushes with `force` (N).
     #[inline(always)]
     pub fn share_after(&self, gained: &Strain, c: &PlaneConstraint, force: f64, dt: f64) -> f64 {
         let trial = self.trial.plus(&gained.scaled(c.stiffness * dt + c.damping));
@@ -79,11 +80,11 @@ impl ActiveContact {
     ) -> Self {
         let twist = &state.twist;
         let swept = if geometric { c.swept(at, twist.angular) * dt } else { DVec3::ZERO };
-        // Planes and anchors are where they will be at the end of the step already: at the start, δ is larger
+        // Planes have already been moved to where they are at the end of the step: at the start, δ is larger
         // by h n · v of the surface.
         let at = &ContactState { overlap: at.overlap + dt * at.direction.dot(c.surface.velocity), ..*at };
-        // δ_n + d = δ_0 + d + h δ̇ and λ_n = k (δ_n + d) + b δ̇ + h ∂(b δ̇)/∂φ · ω, without a change of
-        // velocity.
+        // For an unchanged velocity, δ_n + d = δ_0 + d + h δ̇ and λ_n = k (δ_n + d) + b δ̇ + h ∂(b δ̇)/∂φ ·
+        // ω.
         let overlap = at.overlap + dt * at.rate;
         let stiffness = c.stiffness_at(overlap).unwrap_or(c.stiffness);
         let force = stiffness * overlap + c.damping * at.rate + swept.dot(twist.angular);

@@ -1,4 +1,4 @@
-//! Everything that acts on the body during a step, and what every integrator checks of it.
+//! The loads on the body during a step, and the checks that every integrator makes of them.
 
 use glam::DVec3;
 use palpate_core::Pose;
@@ -8,12 +8,12 @@ use crate::body::{Body, BodyState};
 use crate::contact::LinearContactModel;
 use crate::coupling::{DeviceMotion, VirtualCoupling};
 
-/// Everything that acts on the body during a step.
+/// The body and all that acts on it during a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
     /// The body.
     pub body: &'a Body,
-    /// The device, taken to stand here with this velocity for the whole step.
+    /// The device, taken to keep this pose and velocity for the whole step.
     pub device: &'a DeviceMotion,
     /// Virtual coupling between the two.
     pub coupling: &'a VirtualCoupling,
@@ -24,8 +24,8 @@ pub struct Frame<'a> {
 }
 
 impl Frame<'_> {
-    /// The step that fails for its inputs, or `None` if they are usable: the rules of
-    /// [`semi_implicit_step`](crate::semi_implicit_step), which are every integrator's.
+    /// Returns the failed step for unusable inputs, or `None` if they are usable, by the rules of
+    /// [`semi_implicit_step`](crate::semi_implicit_step), which hold for every integrator.
     pub(crate) fn refused(&self, state: &BodyState, dt: f64) -> Option<Step> {
         if !state.is_valid() {
             let relaxed = self.coupling.relaxed_pose(&self.device.pose);
@@ -41,7 +41,8 @@ impl Frame<'_> {
         None
     }
 
-    /// The step from `start` to `next` with the wrenches there, or a failed one if they are not finite.
+    /// Makes the step from `start` to `next` with the wrenches at `next`, or a failed one if they are not
+    /// finite.
     pub(crate) fn ended(&self, start: &BodyState, next: &BodyState, active: u64, status: StepStatus) -> Step {
         if !next.is_valid() {
             return Step::failed(start, StepFailure::Overflow);

@@ -1,4 +1,4 @@
-//! The outcome of a step, and why one was not taken.
+//! The outcome of a step, and the reason if it was not taken.
 
 use palpate_core::Wrench;
 
@@ -14,8 +14,8 @@ pub enum StepFailure {
     /// The body's state is not finite, or its quaternion not of unit length. The state cannot be held; see
     /// [`semi_implicit_step`](crate::semi_implicit_step).
     State,
-    /// The linear system is singular, or something that went into it is not finite: a gain, a contact,
-    /// gravity, the body.
+    /// The linear system is singular, or one of its inputs is not finite: a gain, a contact, gravity, the
+    /// body.
     Singular,
     /// The step was computed, but the state or a wrench it leads to is not finite.
     Overflow,
@@ -26,13 +26,14 @@ pub enum StepFailure {
 pub struct StepStatus {
     /// Set if no step was taken: the state is held and the wrenches are zero.
     pub failure: Option<StepFailure>,
-    /// The set of pushing contacts was still changing when the step ended; no contact attracts even so, but
-    /// one may have been left out for this step.
+    /// The set of pushing contacts was still changing when the search ended. No contact attracts, but one may
+    /// have been left out of this step.
     pub active_set_unsettled: bool,
     /// The step was taken without geometric stiffness, because with it the linear system was not a
     /// prediction.
     pub geometric_stiffness_dropped: bool,
-    /// An iterative integrator ended before its tolerance was reached; see there for what the step is then.
+    /// An iterative integrator ended before it reached its tolerance; its documentation says which step it
+    /// takes then.
     pub unconverged: bool,
     /// Number of linear systems solved; by [`semi_implicit_step`](crate::semi_implicit_step) at most
     /// [`MAX_SOLVES`](crate::MAX_SOLVES).
@@ -52,8 +53,8 @@ pub struct Step {
     /// The body at the end of the step.
     pub state: BodyState,
     /// The coupling's wrench **on the device**, about the handle's origin, at the new state (§5.3.3): −F_c
-    /// and −(k_θ u_c + b_θ (ω_h − ω)). It is what the user is to feel: pushed into a wall, it points out of
-    /// the wall. [`crate::saturate`] fits it to what the device can make.
+    /// and −(k_θ u_c + b_θ (ω_h − ω)). It is the wrench that the user should feel: pushed into a wall, it
+    /// points out of the wall. [`crate::saturate`] limits it to the device's peaks.
     pub coupling: Wrench,
     /// The coupling's wrench **on the body**, about its centre of mass, at the new state.
     pub coupling_on_body: Wrench,

@@ -14,42 +14,44 @@ use crate::linear_solve::is_positive_definite;
 use crate::rotation::{cross_columns, exponential};
 use crate::system::{Lateral, Linear, cross_sum, six};
 
-/// Solves in which contacts may both join and leave the active set.
+/// Number of solves in which contacts may both join and leave the active set. With fewer, contacts that close
+/// in the step are more often left to the next.
 pub(crate) const FREE_SOLVES: u32 = 6;
 
 /// Largest number of 6×6 systems that one step solves: the free ones, one for each contact that may leave,
 /// and the last.
 pub const MAX_SOLVES: u32 = FREE_SOLVES + MAX_CONSTRAINTS as u32 + 1;
 
-/// Relative change of a share of friction, from solve to solve, below which it has converged.
+/// Relative change of a friction share, from solve to solve, below which it has converged. With less, steps
+/// with sliding contacts take more solves.
 const SHARE_TOLERANCE: f64 = 0.01;
 
-/// Everything that one step's linear systems are made of.
+/// The terms of one step's linear systems, from which the system of any active set is assembled.
 pub(crate) struct System<'a> {
     contacts: &'a LinearContactModel,
     rotation: DMat3,
     state: &'a BodyState,
-    /// All contacts, of which the active set is chosen. Stored by the caller: it is large.
+    /// All contacts, from which the active set is chosen. Stored by the caller, since it is large.
     candidates: &'a mut ArrayVec<ActiveContact, MAX_CONSTRAINTS>,
     /// Bit i is set if contact i is closed at the start.
     pub closed_at_start: u64,
     dt: f64,
     mass: f64,
     inertia: DMat3,
-    /// The mass, and the coupling's spring and damper at the grasp, with the spring's secant stiffness in all
-    /// directions.
+    /// Left: the mass, and the coupling's spring and damper at the grasp, with the spring's secant stiffness
+    /// in all directions.
     held: Lateral,
-    /// Softening of that spring along its deviation, as a direction and a row.
+    /// Left: softening of that spring along its deviation, as a column and a row.
     softening: Option<([f64; 6], [f64; 6])>,
-    /// Carried momentum and the coupling's angular spring and damper.
+    /// Left: carried momentum and the coupling's angular spring and damper.
     spin: DMat3,
-    /// Coupling, carried momentum and gravity on the right.
+    /// Right: coupling, carried momentum and gravity.
     right: [f64; 6],
     /// The coupling's geometric stiffness (force, torque) by φ.
     turning: (DMat3, DMat3),
     /// Whether geometric stiffness is in the systems.
     pub geometric: bool,
-    /// Whether the shares of friction of the last solve were those that it led to.
+    /// Whether the friction shares that follow from the last solve are those that it was made with.
     pub shares_converged: bool,
 }
 
@@ -63,7 +65,7 @@ impl<'a> System<'a> {
     ) -> Self {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let inertia = rotation * body.inertia * rotation.transpose();
-        // A spring k and a damper b add h (h k + b) to the matrix.
+        // A spring k and a damper b add h (h k + b) at the grasp to the matrix.
         let spring = coupling.linearise(state, device);
         let mut held = Lateral::at_centre(body.mass);
         held.add(dt * (dt * spring.stiffness + spring.damping), spring.arm);
@@ -75,7 +77,7 @@ impl<'a> System<'a> {
         let (gained, momentum_by_spin) = carried_momentum(&inertia, state.twist.angular, dt);
         let damping = DMat3::from_diagonal(DVec3::splat(spring.angular_damping));
         let spin = momentum_by_spin + (spring.angular_stiffness * dt + damping) * dt;
-        // On the right h (f_0 + h ∂f/∂(x, φ) (v_0, ω_0)) less the momentum gained, (E − 1) I_0 ω_0.
+        // Right-hand side: h (f_0 + h ∂f/∂(x, φ) (v_0, ω_0)) − (0, (E − 1) I_0 ω_0).
         let drift = spring.drift(&state.twist);
         let force = spring.on_body.force + gravity * body.mass + drift.force * dt;
         let torque = spring.on_body.torque + drift.torque * dt;
@@ -99,8 +101,8 @@ impl<'a> System<'a> {
         }
     }
 
-    /// Linearises the contacts at the start of the step. Returns those that are closed and push at the end of
-    /// it if the velocity does not change.
+    /// Linearises the contacts at the start of the step. Returns those that are closed and push at its end if
+    /// the velocity does not change: the first guess of the active set.
     pub fn linearise_contacts(&mut self) -> u64 {
         let mut pushing = 0;
         self.closed_at_start = 0;
@@ -115,7 +117,7 @@ impl<'a> System<'a> {
         pushing
     }
 
-    /// The contacts of a set, with their planes.
+    /// The contacts of a set with their planes.
     fn active(&self, active: u64) -> impl Iterator<Item = (&PlaneConstraint, &ActiveContact)> {
         let all = self.contacts.constraints().iter().zip(&*self.candidates).enumerate();
         all.filter(move |(i, _)| active & (1 << i) != 0).map(|(_, contact)| contact)
@@ -132,7 +134,13 @@ impl<'a> System<'a> {
         wrench
     }
 
-    /// The linear system with the contacts of a set.
+    /// Assembles the linear system with the contacts of a set,
+    ///
+    /// (A − h ∂f/∂(v, ω) − h² ∂f/∂(x, φ)) (Δv, Δω) = h (f_0 + h ∂f/∂(x, φ) (v_0, ω_0)) − (0, (E − 1) I_0
+    /// ω_0),
+    ///
+    /// from the terms of the coupling, each contact's spring, damper and friction, their curvature, and the
+    /// geometric stiffness of all.
     #[inline(always)]
     pub fn assemble(&self, active: u64) -> Linear {
         let h = self.dt;
@@ -163,10 +171,10 @@ impl<'a> System<'a> {
 
     /// Adds a contact that pushes, and returns a Fᵀ of its force at the start.
     ///
-    /// With D = (n, a × n), the normal force at the end is λ_n = λ + (h k + b) D · Δ + h ∂(b δ̇)/∂φ · Δω,
-    /// with λ that without a change of velocity: h (h k + b) D Dᵀ on the left and −h λ D on the right.
-    /// Friction acts in all directions of the plane, by s of its spring and damper: the gain g = h (h k + b)
-    /// s at the point in all directions, less g along n.
+    /// With D = (n, a × n) and Δ = (Δv, Δω), the normal force at the end is λ_n = λ + (h k + b) D · Δ + h ∂(b
+    /// δ̇)/∂φ · Δω, where λ is the force for an unchanged velocity: h D ((h k + b) D + h ∂(b δ̇)/∂φ)ᵀ on the
+    /// left and −h λ D on the right. Friction acts in all directions of the plane with the share s of its
+    /// spring and damper: the gain g = h (h k + b) s at the point in all directions, less g along n.
     #[inline(always)]
     fn add_contact(
         &self,
@@ -183,12 +191,12 @@ impl<'a> System<'a> {
             let gain = h * (h * c.stiffness + c.damping) * friction.share;
             lateral.add(gain, p.arm);
             along_normal -= gain;
-            // −h s (k ξ + b v_t) at the end without a change of velocity.
+            // −h s (k ξ + b v_t) at the end for an unchanged velocity.
             let Strain { along, spin } = friction.trial.scaled(-h * friction.share);
             impulse += along;
             force += friction.force_at_start;
             if c.radius > 0.0 {
-                // ρ² g n nᵀ, against spinning about the normal.
+                // ρ² g n nᵀ against spinning about the normal.
                 linear.add(3, 3, &outer(c.normal, c.normal * (gain * c.radius * c.radius)));
                 linear.add_right(DVec3::ZERO, c.normal * (c.radius * spin));
             }
@@ -200,8 +208,8 @@ impl<'a> System<'a> {
         outer(p.arm, force)
     }
 
-    /// Adds the curvature terms of contacts that push: h² λ κ b bᵀ on the left, for a term with ∂s = b and
-    /// curvature κ, and that times −(v_0, ω_0) on the right.
+    /// Adds the curvature terms of contacts that push: h² λ κ b bᵀ on the left for a term of curvature κ with
+    /// ∂s = b, and −h² λ κ b ṡ with ṡ = b · (v_0, ω_0) on the right.
     #[inline(always)]
     fn add_curvature(&self, active: u64, linear: &mut Linear) {
         let h = self.dt;
@@ -216,7 +224,8 @@ impl<'a> System<'a> {
         }
     }
 
-    /// Whether the symmetric part of the matrix exceeds half the mass matrix.
+    /// Whether the linear system is a prediction: the symmetric part of its matrix exceeds half the mass
+    /// matrix, K + Kᵀ − M > 0.
     #[inline(always)]
     fn predicts(&self, matrix: &[[f64; 6]; 6]) -> bool {
         let mut symmetric: [[f64; 6]; 6] =
@@ -230,8 +239,9 @@ impl<'a> System<'a> {
         is_positive_definite(symmetric)
     }
 
-    /// The contacts that are closed and push at the end of the step for a velocity change, and those that are
-    /// closed. Takes over the shares of friction that follow.
+    /// Predicts from a change of velocity Δ which contacts are closed and push at the end of the step, and
+    /// which are closed: δ_n = δ + h D · Δ and λ_n = λ + (h k + b) D · Δ + h ∂(b δ̇)/∂φ · Δω. Updates the
+    /// friction shares to those that follow.
     pub fn predict(&mut self, change: &Twist) -> (u64, u64) {
         let (mut pushing, mut closed) = (0, 0);
         self.shares_converged = true;
@@ -254,8 +264,11 @@ impl<'a> System<'a> {
         (pushing, closed)
     }
 
-    /// Change of velocity, the set of contacts that push, and how the search went; `None` if a system is
-    /// singular.
+    /// Searches the active set. Returns the change of velocity, the set and the status of the search; `None`
+    /// if a system is singular.
+    ///
+    /// The set of the next solve is the predicted one, without the contacts left to the next step. From
+    /// [`FREE_SOLVES`] on it is also a subset of the present one, so that the search ends.
     pub(super) fn solve(&mut self) -> Option<(Twist, u64, StepStatus)> {
         let mut status = StepStatus::default();
         let mut left_for_next = 0_u64;
@@ -285,8 +298,8 @@ impl<'a> System<'a> {
     }
 }
 
-/// Momentum exp(h ω*) I ω that a body spinning at ω carries over the step, less I ω, and the derivative of
-/// the former by ω.
+/// Change (E − 1) I ω, E = exp(h ω*), of the momentum that a body spinning at ω carries over the step, and
+/// the derivative of E I ω by ω: E I − (E I ω)* h J_l(h ω).
 #[inline(always)]
 pub(crate) fn carried_momentum(inertia: &DMat3, angular: DVec3, dt: f64) -> (DVec3, DMat3) {
     let (turn, left) = exponential(angular * dt);

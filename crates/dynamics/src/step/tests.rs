@@ -58,7 +58,7 @@ fn carried_momentum_is_the_gyroscopic_torque_to_first_order() {
     }
 }
 
-/// The plain way to the same system: the full public Jacobians, put together entry by entry.
+/// The same system assembled entry by entry from the full public Jacobians.
 #[test]
 fn system_equals_the_one_from_the_public_jacobians() {
     let seed = 53;

@@ -43,7 +43,7 @@ fn random_state(rng: &mut StdRng, linear: f64, angular: f64) -> ArticulatedState
     ArticulatedState { first, angle: rng.random_range(-1.5..1.5), rate: rng.random_range(-angular..=angular) }
 }
 
-/// A coupling that does nothing.
+/// A coupling without gains.
 fn uncoupled() -> VirtualCoupling {
     VirtualCoupling {
         linear_stiffness: 0.0,
@@ -60,7 +60,7 @@ fn no_contacts() -> LinearContactModel {
     LinearContactModel::empty(&Pose::IDENTITY, 0.0)
 }
 
-/// What acts on a tool, owned.
+/// The loads on a tool, owned.
 struct Scene {
     tool: ArticulatedBody,
     device: DeviceMotion,
@@ -72,7 +72,7 @@ struct Scene {
 }
 
 impl Scene {
-    /// A tool that nothing acts on.
+    /// A tool without loads.
     fn free(tool: ArticulatedBody) -> Self {
         Self {
             tool,
@@ -139,7 +139,7 @@ fn forces(scene: &Scene, state: &ArticulatedState) -> [f64; 7] {
     forces_of(scene, state, [&state.first, &scene.tool.second(state)])
 }
 
-/// The same with the wrenches of bodies that are elsewhere.
+/// The same with the wrenches of bodies at other poses.
 fn forces_of(scene: &Scene, state: &ArticulatedState, [first, second]: [&BodyState; 2]) -> [f64; 7] {
     let on_first = scene.contacts[0].wrench(first) + scene.coupling.wrenches(first, &scene.device).0;
     let on_second = scene.contacts[1].wrench(second);
@@ -197,7 +197,7 @@ fn changed(
         twist: Twist::new(wanted - angular.cross(arm), angular),
     };
     let next = ArticulatedState { first, angle, rate: state.rate + speed[6] };
-    // What the hinge's rate moves the centre of mass by.
+    // Velocity of the centre of mass by the hinge's rate.
     let off = centre_velocity(tool, &next) - wanted;
     let mut next = next;
     next.first.twist.linear -= off;
@@ -344,7 +344,7 @@ fn the_step_is_that_of_a_system_by_central_differences() {
     assert!(compared > 100, "only {compared} cases kept their contacts");
 }
 
-/// What the test of derivatives needs to know beside [`ArticulatedBody::momenta`].
+/// Quantities of the test of derivatives beside [`ArticulatedBody::momenta`].
 trait Hinged {
     fn momenta_of_hinge(&self, state: &ArticulatedState) -> f64;
     fn energy_about_centre(&self, state: &ArticulatedState) -> f64;
@@ -504,8 +504,8 @@ fn with_its_hinge_held_the_tool_moves_as_one_body() {
             off = off.max(apart);
         }
         assert!(pushed, "seed {seed}, case {case}");
-        // On the way the two differ in the order of the step; where they come to rest they agree, but for
-        // friction, which depends on the way, and the hinge, which gives way by the torque over 1e7 N·m/rad.
+        // While moving, the two differ in the order of the step; at rest they agree except for friction,
+        // which depends on the path, and the hinge, which yields by the torque over 1e7 N·m/rad.
         assert!(off < 5e-5, "seed {seed}, case {case}: {off} m apart");
         assert!(friction.is_some() || apart < 1e-8, "seed {seed}, case {case}: {apart} m apart at rest");
         worst = (worst.0.max(off), worst.1.max(if friction.is_some() { 0.0 } else { apart }));
@@ -769,7 +769,8 @@ fn energy_never_grows_in_contact_from_rest() {
     assert!(touched > 10_000);
 }
 
-/// Numbers of every kind in every input: each step is finite or says why it was not taken, and none panics.
+/// Numbers of every kind in every input: each step is finite or reports why it was not taken, and none
+/// panics.
 #[test]
 fn what_cannot_be_used_is_refused() {
     let limits = JointLimits { low: 0.0, high: 1.0, stiffness: 100.0 };

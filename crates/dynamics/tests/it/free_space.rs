@@ -1,9 +1,9 @@
-//! Free-space motion of a thin object (§5.5.2, Fig. 5.6): how far a spoon stays behind the hand, and from
-//! which mass on each integrator holds it, with k_c = 200 N/m, k_θ = 0.6 N·m/rad and 1 kHz.
+//! Free-space motion of a thin object (§5.5.2, Fig. 5.6): how far a spoon lags behind the hand, and the
+//! smallest mass for which each integrator is stable, with k_c = 200 N/m, k_θ = 0.6 N·m/rad and 1 kHz.
 //!
 //! The dissertation finds backward Euler stable at 1 g, with a deviation roughly linear in the mass, at most
 //! 2 mm at 10 g and 17 mm at 100 g; forward Euler from 100 g on, Runge–Kutta 4 from 70 g on. It gives neither
-//! the damping nor the hand's path. The two limits tell about the damping: an explicit step of a mode of rate
+//! the damping nor the hand's path. The two limits imply the damping: an explicit step of a mode of rate
 //! λ is stable while dt λ < 2 by forward Euler and < 2.785 by Runge–Kutta 4. Here the fastest mode is the
 //! turning about the spoon's long axis, of moment j m, which is overdamped: λ = b_θ / (j m). With one b_θ for
 //! all masses the limits are as 2.785 to 2, which is near the 100 to 70 found; with critical damping of each
@@ -35,16 +35,16 @@ fn spoon(mass: f64) -> Body {
     Body::new(mass, unit * mass).unwrap()
 }
 
-/// On the handle, 6 cm from the centre of mass towards its end.
+/// Grasp on the handle, 6 cm from the centre of mass towards its end.
 fn grasp() -> Pose {
     Pose::from_translation(DVec3::new(0.06, 0.0, 0.008))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Damping {
-    /// Critical for 10 g, whatever the mass.
+    /// Damping critical for 10 g, whatever the mass.
     Fixed,
-    /// Critical for each mass.
+    /// Damping critical for each mass.
     Critical,
 }
 
@@ -66,12 +66,12 @@ const LEGS: [([f64; 3], [f64; 3]); 9] = [
     ([-0.45, 0.20, 0.15], [0.6, -0.9, 0.9]),
     ([0.30, 0.10, 0.20], [-0.4, 0.4, -1.2]),
 ];
-/// How long a leg is and how long a turn from one to the next, s.
+/// Durations of a leg and of the turn to the next, s.
 const LEG: f64 = 0.25;
 const TURN: f64 = 0.05;
 
 /// The hand's motion at each step: legs at constant velocity, with turns between them in which the velocity
-/// goes over by 3 u² − 2 u³.
+/// changes by 3 u² − 2 u³.
 fn hand() -> Vec<DeviceMotion> {
     let velocity = |t: f64| {
         let leg = |i: usize| {
@@ -91,7 +91,7 @@ fn hand() -> Vec<DeviceMotion> {
         let t = f64::from(i) * DT;
         let (start, middle, end) = (velocity(t), velocity(t + 0.5 * DT), velocity(t + DT));
         let mean = |a: DVec3, b: DVec3, c: DVec3| (a + b * 4.0 + c) / 6.0;
-        // What a device reports: where it is, and how far it came since the last sample.
+        // A device reports its pose, and its displacement since the last sample as a velocity.
         motion.twist.linear = mean(start.0, middle.0, end.0);
         motion.twist.angular = mean(start.1, middle.1, end.1);
         motion.pose = motion.pose.moved(&motion.twist, DT);
@@ -100,14 +100,14 @@ fn hand() -> Vec<DeviceMotion> {
     path
 }
 
-/// How a session went.
+/// Outcome of a session.
 #[derive(Clone, Copy, Debug, Default)]
 struct Outcome {
-    /// The most of ‖x_h − x_c‖, m.
+    /// Largest ‖x_h − x_c‖, m.
     deviation: f64,
-    /// The most that the spoon's orientation is off the hand's, rad.
+    /// Largest angle between the spoon's orientation and the hand's, rad.
     angle: f64,
-    /// The most of ‖F_c‖, N.
+    /// Largest ‖F_c‖, N.
     force: f64,
     /// Steps that were held or did not converge.
     refused: u32,
@@ -161,7 +161,7 @@ fn backward_euler_holds_any_mass_and_deviates_in_proportion_to_it() {
                 );
                 outcome
             };
-            // Within a factor of 3 either way of 0.1 mm and 0.04 N for each gram.
+            // Within a factor of 3 of 0.1 mm and 0.04 N for each gram.
             for mass in [1e-4, 1e-3, 1e-2, 1e-1] {
                 let Outcome { deviation, force, .. } = at(mass);
                 let (length, force) = (deviation / mass / 0.1, force / mass / 40.0);
@@ -176,13 +176,13 @@ fn backward_euler_holds_any_mass_and_deviates_in_proportion_to_it() {
     assert!((0.008..0.025).contains(&heavy.deviation) && (2.0..5.0).contains(&heavy.force), "{heavy:?}");
 }
 
-/// Whether a session stays near that of backward Euler. What is not stable diverges by orders of magnitude.
+/// Whether a session stays near that of backward Euler. An unstable one diverges by orders of magnitude.
 fn is_stable(kind: IntegratorKind, mass: f64, damping: Damping) -> bool {
     let (found, sound) = (session(kind, mass, damping), session(SemiImplicit, mass, damping));
     found.refused == 0 && found.deviation < 2.0 * sound.deviation && found.angle < 2.0 * sound.angle
 }
 
-/// The mass that an integrator is stable from, by bisection, kg.
+/// Smallest mass for which an integrator is stable, by bisection, kg.
 fn lightest(kind: IntegratorKind, damping: Damping) -> f64 {
     let (mut unstable, mut stable) = (1e-3, 10.0);
     assert!(!is_stable(kind, unstable, damping), "{kind}, {damping:?} is stable at {unstable} kg");

@@ -11,11 +11,11 @@ const STEP: f64 = 1e-3;
 const GRAVITY: f64 = 9.81;
 const HALF: f64 = 0.02;
 
-/// A 100 g cube on a plane through the origin, found anew as often as one likes.
+/// A 100 g cube on a plane through the origin, whose contacts are found anew every few steps.
 struct Resting {
     body: Body,
     state: BodyState,
-    /// Of the plane, up.
+    /// Normal of the plane, up.
     up: DVec3,
     parameters: ContactParameters,
     contacts: LinearContactModel,
@@ -25,7 +25,7 @@ struct Resting {
 }
 
 impl Resting {
-    /// On a plane that slopes down towards +x by `slope` (rad).
+    /// Puts the cube on a plane that slopes down towards +x by `slope` (rad).
     fn new(slope: f64, friction: Friction) -> Self {
         let mass = 0.1;
         let moment = mass * (2.0 * HALF).powi(2) / 6.0;
@@ -71,8 +71,8 @@ impl Resting {
     }
 }
 
-/// On a slope below the angle of friction the cube stays; above it slides with the acceleration that Coulomb
-/// says.
+/// On a slope below the angle of friction the cube stays; above it slides with the acceleration of
+/// Coulomb's law.
 #[test]
 fn a_cube_on_a_slope_sticks_or_slides() {
     for coefficient in [0.2, 0.5, 1.0] {
@@ -89,8 +89,8 @@ fn a_cube_on_a_slope_sticks_or_slides() {
                 }
                 cube.step();
             }
-            let way = cube.state.pose.translation - start.pose.translation;
-            (way.length(), start.twist.linear.length(), cube.state.twist.linear.length())
+            let moved = cube.state.pose.translation - start.pose.translation;
+            (moved.length(), start.twist.linear.length(), cube.state.twist.linear.length())
         };
         let (stuck, ..) = travel(0.97 * angle);
         assert!(stuck < 1e-7, "{coefficient}: stuck but moved by {stuck} m");
@@ -105,7 +105,7 @@ fn a_cube_on_a_slope_sticks_or_slides() {
     }
 }
 
-/// §6.2.1 and the demand: 60 s at rest on a slope under load, contacts found anew every other step.
+/// 60 s at rest on a slope under load, contacts found anew every other step.
 #[test]
 fn a_cube_at_rest_neither_creeps_nor_trembles() {
     let mut cube = Resting::new(0.3, Friction { static_coefficient: 0.6, dynamic_coefficient: 0.4 });
@@ -131,8 +131,8 @@ fn a_cube_at_rest_neither_creeps_nor_trembles() {
     assert!(farthest < 1e-6, "creeps by {farthest} m");
 }
 
-/// A single contact that stands for a disc: the torque of friction brings a spinning body to rest as that of
-/// the disc would.
+/// A single contact that represents a disc: its friction torque brings a spinning body to rest like that of
+/// the disc.
 #[test]
 fn a_patch_resists_spinning() {
     let mut cube = Resting::new(0.0, Friction::coulomb(0.5));
@@ -156,7 +156,7 @@ fn a_patch_resists_spinning() {
     }
 }
 
-/// Dragged slowly by a spring until it slides, and on: the force rises, and does not jump when the contact
+/// Dragged slowly by a spring until it slides and beyond: the force rises and does not jump when the contact
 /// breaks away.
 #[test]
 fn breaking_away_makes_no_jump() {
@@ -185,7 +185,7 @@ fn breaking_away_makes_no_jump() {
     assert!(largest < 0.08 * weight, "a jump of {largest} N");
 }
 
-/// Tossed about on the plane without a hand, a cube never gains energy.
+/// Thrown about on the plane without a hand, a cube never gains energy.
 #[test]
 fn friction_takes_energy_away() {
     let mut cube = Resting::new(0.0, Friction { static_coefficient: 0.8, dynamic_coefficient: 0.5 });
@@ -202,7 +202,7 @@ fn friction_takes_energy_away() {
         }
         cube.step();
         let now = kinetic(&cube);
-        // What the springs hold at the Coulomb limit, (μ m g)² / 2 k, may come back.
+        // The energy of the springs at the Coulomb limit, (μ m g)² / 2 k, may come back.
         assert!(now < start * 1.001 && now < least + 5e-5, "step {index}: {now} J after {least}");
         least = least.min(now);
     }

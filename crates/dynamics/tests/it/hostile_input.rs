@@ -1,4 +1,4 @@
-//! Whatever comes in, a step gives finite numbers and says when it was not taken.
+//! Steps with unusable inputs: each returns finite numbers and reports when it was not taken.
 
 #![allow(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
 
@@ -74,7 +74,7 @@ impl Inputs {
     }
 }
 
-/// Why a step is held, where all integrators hold it for one reason.
+/// Reason for which all integrators hold a step.
 fn with(change: impl FnOnce(&mut Inputs)) -> Option<StepFailure> {
     let mut inputs = Inputs::usable();
     change(&mut inputs);
@@ -85,7 +85,7 @@ fn with(change: impl FnOnce(&mut Inputs)) -> Option<StepFailure> {
     held
 }
 
-/// Why the implicit steps are held, where the others hold for a reason of their own.
+/// Reason for which the implicit steps are held, if others have their own.
 fn with_unusable_numbers(change: impl FnOnce(&mut Inputs)) -> Option<StepFailure> {
     let mut inputs = Inputs::usable();
     change(&mut inputs);
@@ -157,7 +157,7 @@ fn unusable_gains_contacts_and_gravity_hold_the_body() {
             stiffness: 1000.0,
             ..PlaneConstraint::default()
         };
-        // A contact with a position that is no number is never closed, so it may also do nothing.
+        // A contact with a NaN position is never closed, so it may also do nothing.
         let mut inputs = Inputs::usable();
         inputs.contacts.push_constraint(constraint);
         for kind in IntegratorKind::ALL {

@@ -12,7 +12,7 @@ use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
 use IntegratorKind::{ForwardEuler, RungeKutta4, SemiImplicit, SymplecticEuler};
 
-/// Those that have dynamics, with their orders.
+/// The integrators with dynamics, with their orders.
 const DYNAMIC: [(IntegratorKind, i32); 5] = [
     (SemiImplicit, 1),
     (IntegratorKind::FullyImplicit, 1),
@@ -21,7 +21,7 @@ const DYNAMIC: [(IntegratorKind, i32); 5] = [
     (RungeKutta4, 4),
 ];
 
-/// What a body moves under.
+/// The loads on a body.
 struct Scene {
     body: Body,
     device: DeviceMotion,
@@ -31,7 +31,7 @@ struct Scene {
 }
 
 impl Scene {
-    /// A body held by nothing.
+    /// A body without a coupling.
     fn free(body: Body) -> Self {
         let mut coupling = VirtualCoupling::critically_damped(&body, Pose::IDENTITY, 0.0, 0.0);
         (coupling.linear_damping, coupling.angular_damping) = (0.0, 0.0);
@@ -70,7 +70,7 @@ fn random_vector(rng: &mut StdRng, size: f64) -> DVec3 {
     DVec3::from_array(std::array::from_fn(|_| rng.random_range(-size..size)))
 }
 
-/// The order that errors show from one number of steps to twice as many.
+/// The observed order of errors from one number of steps to twice as many.
 fn orders(errors: &[f64]) -> Vec<f64> {
     errors.windows(2).map(|pair| (pair[0] / pair[1]).log2()).collect()
 }
@@ -148,7 +148,7 @@ fn the_default_is_the_semi_implicit_step_bit_for_bit() {
 }
 
 /// The motion of a free body by Euler's equations in body axes, with the quaternion as four numbers: the
-/// classical Runge–Kutta method in steps too small to matter.
+/// classical Runge–Kutta method in steps of negligible error.
 fn euler_equations(moments: DVec3, start: &BodyState, seconds: f64) -> BodyState {
     type Y = (DQuat, DVec3);
     let rate = |(q, w): Y| -> Y {
@@ -351,8 +351,8 @@ fn all_agree_in_contact_when_steps_are_small() {
     let (seconds, steps) = (0.02, 20_000);
     let expected = scene.run(&RungeKutta4, start, seconds, steps);
     assert_eq!(expected.active, 0b11, "both contacts press");
-    let way = (expected.state.pose.translation - start.pose.translation).length();
-    assert!(way > 5e-4, "the case does not move: {way}");
+    let moved = (expected.state.pose.translation - start.pose.translation).length();
+    assert!(moved > 5e-4, "the case does not move: {moved}");
     for (kind, _) in DYNAMIC {
         let found = scene.run(&kind, start, seconds, steps);
         let apart = (found.state.pose.translation - expected.state.pose.translation).length();
@@ -374,8 +374,8 @@ fn the_quasi_static_body_is_where_the_others_come_to_rest() {
         + balanced.contact
         + Wrench::new(scene.gravity * scene.body.mass, DVec3::ZERO);
     assert!(rest.force.length() < 1e-9 && rest.torque.length() < 1e-10, "{rest:?}");
-    let way = (balanced.state.pose.translation - start.pose.translation) / 1e-3;
-    assert!((balanced.state.twist.linear - way).length() < 1e-12);
+    let moved = (balanced.state.pose.translation - start.pose.translation) / 1e-3;
+    assert!((balanced.state.twist.linear - moved).length() < 1e-12);
     for (kind, _) in DYNAMIC {
         let last = scene.run(&kind, start, 3.0, 30_000);
         let apart = (last.state.pose.translation - balanced.state.pose.translation).length();

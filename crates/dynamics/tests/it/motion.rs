@@ -11,7 +11,7 @@ use palpate_dynamics::{
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
-/// A coupling that does nothing.
+/// A coupling without gains.
 fn uncoupled() -> VirtualCoupling {
     VirtualCoupling {
         linear_stiffness: 0.0,
@@ -68,7 +68,7 @@ fn a_free_body_moves_on_and_falls() {
 
 #[test]
 fn a_free_symmetric_top_precesses_about_its_angular_momentum() {
-    // Of a body with moments (a, a, c) the angular velocity turns about L at the rate ‖L‖/a.
+    // The angular velocity of a body with moments (a, a, c) turns about L at the rate ‖L‖/a.
     let (a, c) = (2e-4, 3.5e-4);
     let body = Body::new(0.2, DMat3::from_diagonal(DVec3::new(a, a, c))).unwrap();
     let start = BodyState {
@@ -362,7 +362,7 @@ fn a_body_thrown_at_a_wall_leaves_it_and_is_never_held_by_it() {
             state = step.state;
         }
         assert!(pushed);
-        // With much damping it may creep out, but it never is left going in.
+        // With much damping it may creep out, but it never moves further in.
         assert!(state.twist.linear.x < 1e-9 && state.twist.linear.x >= -0.5, "{}", state.twist.linear);
     }
 }
@@ -398,7 +398,7 @@ fn a_tool_that_buckles_faster_than_the_step_stays_bounded() {
     assert!(state.pose.translation.length() < 0.5);
 }
 
-/// A body that comes at a wall fast is slowed before it touches, and by nothing where it comes slowly.
+/// A body that approaches a wall fast is slowed before it touches; a slow one is not.
 #[test]
 fn braking_slows_what_comes_fast() {
     let body = Body::new(0.1, DMat3::from_diagonal(DVec3::splat(1e-5))).unwrap();

@@ -1,10 +1,12 @@
-//! From the contacts at the proxy to the contact model: each group condensed, limited and added in turn.
+//! Assembly of the contact model from the contacts at the proxy: each group is reduced to few contacts, whose
+//! gains are limited.
 
 use palpate_collide::{Cluster, PatchContact, SceneQuery};
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{
-    BodyState, ContactClass, ContactParameters, ContactPatch, FoundContact, LinearContactModel, MovingBody,
+    BodyState, ContactClass, ContactParameters, ContactPatch, CurvedContact, FoundContact,
+    LinearContactModel, MovingBody,
 };
 
 use super::ContactLoop;
@@ -15,8 +17,9 @@ use super::monitor::{ContactForce, MonitorFeed};
 use super::proxy::{carried, motion_between};
 
 impl ContactLoop {
-    /// Sorts the proxy's contacts, as they hold the body, into those that are closed, or within d, and those that the body
-    /// comes at; those with objects that move, by object.
+    /// Sorts the proxy's contacts, carried to the body's pose, into those within d and those that the body
+    /// approaches within `ahead` (s). Contacts with a moving object go to its group, all others to that of
+    /// the still objects.
     pub(super) fn sort(&mut self, body: &BodyState, ahead: f64) {
         let tolerance = self.parameters.tolerance;
         self.still.clear();
@@ -41,14 +44,14 @@ impl ContactLoop {
         }
     }
 
-    /// Adds the planes of representative contacts to a model.
+    /// Adds the planes of representative contacts to a model, each with its share of the gains.
     pub(super) fn push_represented(
         &mut self,
         model: &mut LinearContactModel,
         body: &BodyState,
         interval: f64,
     ) {
-        let Some(fields) = &mut self.by_fields else { return };
+        let Ok(fields) = &mut self.by_fields else { return };
         let to_mesh = Pose::from_translation(-self.center_of_mass);
         let poses = (self.proxy.pose(), &body.pose);
         let tolerance = self.parameters.tolerance;
@@ -62,18 +65,15 @@ impl ContactLoop {
             let count = place.map_or(1, |_| count_of(place));
             let gains = with.gains(&gains, (contact.point, contact.normal), count, interval);
             model.push(ContactClass::Touching, patch, &gains, &with.body());
-            if let Some(monitored) = &mut self.monitored {
-                let force = contact.normal * (-gains.stiffness * (contact.depth + tolerance));
-                let Contact { point, normal, depth, .. } = contact;
-                monitored.snapshot().add_force(ContactForce { point, normal, force, depth });
-            }
+            show(&mut self.monitored, &contact, &gains);
         }
     }
 
-    /// Adds the contacts of all groups within d to a model.
+    /// Adds the clusters of all groups' contacts within d to a model.
     pub(super) fn push_touching(&mut self, model: &mut LinearContactModel, probe_pose: &Pose, interval: f64) {
         let Self { objects, scene, moving, still, monitored, parameters, .. } = self;
-        let mut show = |cluster: &Cluster, gains: &ContactParameters| show(monitored, cluster, gains);
+        let mut show =
+            |cluster: &Cluster, gains: &ContactParameters| show(monitored, &cluster.contact, gains);
         let at = (probe_pose, interval);
         still.push_touching(model, &Counterpart::Still, parameters, at, &mut show);
         for &place in moving.iter() {
@@ -83,7 +83,7 @@ impl ContactLoop {
         }
     }
 
-    /// Adds the contacts of all groups that the body comes at to a model.
+    /// Adds the approaching contacts of all groups to a model.
     pub(super) fn push_approaching(
         &mut self,
         model: &mut LinearContactModel,
@@ -100,7 +100,8 @@ impl ContactLoop {
         }
     }
 
-    /// Adds contacts with textured objects to a model, and their depth; how many coarse ones there are.
+    /// Adds the contacts with textured objects to a model and raises `depth` (m) to the deepest of them.
+    /// Returns the number of coarse contacts that they were found from.
     pub(super) fn push_textured(
         &mut self,
         model: &mut LinearContactModel,
@@ -124,49 +125,49 @@ impl ContactLoop {
         let events = &mut self.telemetry.events;
         let motion = motion_between(&pose, &body.pose);
         for found in textures.run(&mesh, pose.translation, pose_of, tolerance, events) {
+            let CurvedContact { point, linear, .. } = found.contact;
+            // The depth is found at the proxy; the body feels its expansion at its own pose.
             let now = found.depth_after(&motion);
+            let normal = linear.normalize_or_zero();
             let with = counterpart(&self.objects, &self.scene, Some(found.object));
-            let gains = |gains: &ContactParameters| {
-                let at = (found.contact.point, found.contact.linear.normalize_or_zero());
-                with.gains(&shared(gains, found.share), at, 1, interval)
-            };
             let moving_body = with.body();
-            let twist = beside(&body.twist, pose.translation, &moving_body);
-            let curved = FoundContact::Curved(&found.contact, &pose);
-            if now > -tolerance {
+            let twist = relative_twist(&body.twist, pose.translation, &moving_body);
+            let (class, gains) = if now > -tolerance {
                 *depth = depth.max(now);
                 let missed = found.is_undersampled(&twist, pose.translation, interval);
                 events.texture_undersampled += u64::from(missed);
                 if let Some(monitored) = &mut self.monitored {
-                    let force =
-                        found.contact.linear * (-self.parameters.stiffness * found.share * (now + tolerance));
-                    let normal = found.contact.linear.normalize_or_zero();
-                    let point = found.contact.point;
+                    let force = linear * (-self.parameters.stiffness * found.share * (now + tolerance));
                     monitored.snapshot().add_force(ContactForce { point, normal, force, depth: now });
                 }
-                model.push(ContactClass::Touching, curved, &gains(&self.parameters), &moving_body);
+                (ContactClass::Touching, &self.parameters)
             } else if self.braking && now + found.rate(&twist) * ahead > -tolerance {
-                let class = ContactClass::Approaching { braking_time: ahead };
-                model.push(class, curved, &gains(braking), &moving_body);
-            }
+                (ContactClass::Approaching { braking_time: ahead }, braking)
+            } else {
+                continue;
+            };
+            let gains = with.gains(&shared(gains, found.share), (point, normal), 1, interval);
+            model.push(class, FoundContact::Curved(&found.contact, &pose), &gains, &moving_body);
         }
         coarse
     }
 
-    /// Gains of contacts that brake in `time` (s): damping that takes all of a body's speed in a tenth of it.
+    /// Gains of contacts that brake in a time t (s): damping b = 10 m / t, which stops a mass m in a tenth of
+    /// the time.
     pub(super) fn braking_parameters(&self, time: f64) -> ContactParameters {
         let damping = if time > 0.0 { 10.0 * self.mass / time } else { 0.0 };
         ContactParameters { damping: damping.max(self.parameters.damping), ..self.parameters }
     }
 }
 
-/// A share of a contact's gains.
+/// A contact's gains times its share.
 fn shared(parameters: &ContactParameters, share: f64) -> ContactParameters {
     let ContactParameters { stiffness, damping, .. } = *parameters;
     ContactParameters { stiffness: stiffness * share, damping: damping * share, ..*parameters }
 }
 
-/// Whether a contact comes within a distance (m) in a time (s) if the body and what it is with move on as they do.
+/// Whether a contact comes within a distance (m) in a time t (s) at the present velocities: δ + δ̇ t >
+/// −distance, with δ̇ = (**v** − **v**_object) · **n**.
 fn comes_within(contact: &Contact, body: &BodyState, object: &MovingBody, distance: f64, time: f64) -> bool {
     let arm = contact.point - body.pose.translation;
     let velocity = body.twist.velocity_at(arm) - object.twist.velocity_at(contact.point);
@@ -174,15 +175,15 @@ fn comes_within(contact: &Contact, body: &BodyState, object: &MovingBody, distan
     contact.depth + rate * time > -distance
 }
 
-/// The motion of a body, whose reference point is at `center` (m), beside an object.
-fn beside(twist: &Twist, center: DVec3, object: &MovingBody) -> Twist {
+/// The twist of a body about its `center` (m) relative to a moving object.
+fn relative_twist(twist: &Twist, center: DVec3, object: &MovingBody) -> Twist {
     Twist {
         linear: twist.linear - object.twist.velocity_at(center),
         angular: twist.angular - object.twist.angular,
     }
 }
 
-/// The scene's side of contacts with the object at a place; still where there is none.
+/// The scene's side of contacts with the object at a place; still objects' without one.
 fn counterpart<'a>(
     objects: &'a [Option<InScene>],
     scene: &SceneQuery,
@@ -195,7 +196,8 @@ fn counterpart<'a>(
     moving().unwrap_or(Counterpart::Still)
 }
 
-/// The contacts with the object at a place, and the scene's side of them; none if it stands still.
+/// The group of contacts with the moving object at a place, and the scene's side of it; none if the object
+/// stands still.
 fn moving_group<'a>(
     objects: &'a mut [Option<InScene>],
     scene: &SceneQuery,
@@ -206,10 +208,10 @@ fn moving_group<'a>(
     Some((Counterpart::Moving { object, id: *id, pose: *scene.pose(*handle)? }, group))
 }
 
-/// Shows the force of a cluster to whoever looks on.
-fn show(monitored: &mut Option<MonitorFeed>, cluster: &Cluster, gains: &ContactParameters) {
+/// Adds the penalty force −k (δ + d) **n** of a contact to the snapshot, if there is a monitor.
+fn show(monitored: &mut Option<MonitorFeed>, contact: &Contact, gains: &ContactParameters) {
     let Some(monitored) = monitored else { return };
-    let Contact { point, normal, depth, .. } = cluster.contact;
+    let Contact { point, normal, depth, .. } = *contact;
     let force = normal * (-gains.stiffness * (depth + gains.tolerance));
     monitored.snapshot().add_force(ContactForce { point, normal, force, depth });
 }

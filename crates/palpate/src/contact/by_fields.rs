@@ -1,14 +1,16 @@
-//! Representative contacts in a session: those of distance fields, weighed by the area that they stand for.
+//! Representative contacts of a session, found in distance fields and weighted by the area that they
+//! represent.
 //!
-//! The proxy is planned with the deepest places of each cell. What the body feels is the law
-//! ([`AreaLaw`](palpate_field::AreaLaw)) of the contacts at the proxy, each carried to where its plane has the body: their force at
-//! the body's pose is **F** = −K k Σ w (δ + d) **n**. By levels each of K clusters pushes with k, and nearly all of them do wherever
-//! bodies touch; so what the law takes for one place is K times as stiff. Contacts are looked for as much further than d as the proxy
-//! lags behind the body. Where that is more than fields know, weights fade out on the last part of the way, so that none comes in with
-//! a push.
+//! The proxy's motion is planned with the deepest places of each cell. The body feels the area law
+//! ([`AreaLaw`](palpate_field::AreaLaw)) of the contacts at the proxy, each carried to the body's pose with
+//! its plane fixed: **F** = −K k Σ w (δ + d) **n**. In the search by levels each of K clusters pushes with k,
+//! and nearly all of them do wherever bodies touch; so a place of contact is K times as stiff here as one
+//! cluster. The reach exceeds d by the lag of the proxy behind the body. Weights fade out near the limit of
+//! what fields cover, so that no contact appears with a push.
 //!
-//! The law weighs all contacts together, whatever scene objects they are with. Then those with objects that stand still become
-//! few planes ([`Merging`]), and so do those with each object that moves.
+//! The law weights all contacts together, whichever scene objects they are with. Then the contacts with still
+//! objects are reduced to few planes ([`Merging`](super::merging::Merging)), and so are those with each
+//! moving object.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,26 +23,29 @@ use palpate_field::{AreaContact, AreaLaw, FieldOptions, FieldQuery, FieldSetting
 
 use super::group::ContactGroup;
 use super::in_scene::InScene;
-use crate::contact::merging::{Plane, Weighed};
+use crate::contact::merging::{Plane, WeightedContact};
 use crate::contact::proxy::{ContactFinder, ProxyContact, QueryReport, carried};
-use crate::contact::representative::{USUAL_ERROR, check_error, lattice, law};
+use crate::contact::representative::{DEFAULT_ERROR, check_error, lattice, law};
 use crate::scene::field::{Field, FieldError, field_options, find, new_query};
 use crate::scene::object::Object;
 use crate::settings::Settings;
 
-/// How far is looked goes in steps of this, in tolerances.
-const STEP: f64 = 0.5;
+/// Steps in which the reach changes, in tolerances d. With smaller ones it changes often, and queries start
+/// from scratch.
+const REACH_STEP: f64 = 0.5;
 
-/// Weights fade out over this part of what fields know beyond d.
-const FADING: f64 = 0.25;
+/// Fraction of the depth of fields beyond d over which weights fade out. With less, contacts appear with a
+/// push.
+const FADE_SHARE: f64 = 0.25;
 
-/// Contacts that there is room for from the start: as many as there may be with four objects.
-const MOST: usize = 1024;
+/// Number of contacts that there is room for from the start: those with four objects, at most.
+const RESERVED: usize = 1024;
 
-/// EPS where none is asked for is no more than this part of the tolerance: as many samples are around a place as at the usual tolerance.
-const USUAL_PART: f64 = 0.05;
+/// Largest default EPS, in tolerances d: then a place of contact has as many samples as with the default
+/// tolerance.
+const MAX_DEFAULT_ERROR: f64 = 0.05;
 
-/// What fields of a session are made with.
+/// Options that the fields of a session are made with, and limits of its queries.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FieldNeeds {
     options: FieldOptions,
@@ -50,18 +55,15 @@ pub(crate) struct FieldNeeds {
 }
 
 impl FieldNeeds {
-    /// For contacts within a tolerance (m).
+    /// Derives them from the settings, for contacts within a tolerance (m).
     pub fn new(tolerance: f64, settings: &Settings, probe: &Object) -> Result<Self, FieldError> {
         if let Some(error) = settings.search.representative_error {
             check_error(error, probe)?;
         }
-        let usual = (USUAL_ERROR * probe.bounding_radius()).min(USUAL_PART * tolerance);
-        let error = settings.search.representative_error.unwrap_or(usual);
-        Ok(Self {
-            options: field_options(tolerance),
-            error,
-            budget: settings.detail.query_budget.map(Duration::from_secs_f64),
-        })
+        let default = (DEFAULT_ERROR * probe.bounding_radius()).min(MAX_DEFAULT_ERROR * tolerance);
+        let error = settings.search.representative_error.unwrap_or(default);
+        let budget = settings.detail.query_budget.map(Duration::from_secs_f64);
+        Ok(Self { options: field_options(tolerance), error, budget })
     }
 
     /// d, m.
@@ -69,7 +71,7 @@ impl FieldNeeds {
         self.options.tolerance
     }
 
-    /// What fields are made with.
+    /// Options that fields are made with.
     pub fn options(&self) -> FieldOptions {
         self.options
     }
@@ -79,60 +81,62 @@ impl FieldNeeds {
         self.error
     }
 
-    /// Limits the time of each query (s), or no longer.
+    /// Sets or removes the time limit of each query, s.
     pub fn set_budget(&mut self, budget: Option<f64>) {
         self.budget = budget.map(Duration::from_secs_f64);
     }
 
-    /// The field of an object, made if need be.
+    /// The field of an object, made if it does not exist.
     pub fn of(&self, object: &Object) -> Result<Arc<Field>, FieldError> {
         object.field(self.options)
     }
 
-    /// The lattice constant that the field of an object has, about, m.
+    /// Approximate lattice constant of an object's field, m.
     pub fn lattice(&self, object: &Object) -> f64 {
         lattice(object, &self.options)
     }
 
-    /// What queries ask for that look as far as a reach (m): the error in proportion, so that they read as much.
+    /// Settings of queries within a reach (m). The error grows with the reach, so that the cost stays the
+    /// same.
     fn settings(&self, reach: f64) -> FieldSettings {
         let error = self.error * reach / self.options.tolerance;
         FieldSettings { error, budget: self.budget, ..FieldSettings::new(reach) }
     }
 }
 
-/// The probe's side of contacts by fields, with all workspaces.
+/// The contact search in fields, with all workspaces.
 #[derive(Debug)]
 pub(super) struct ByFields {
     pub needs: FieldNeeds,
     probe: Arc<Field>,
     law: AreaLaw,
-    /// K: how many times as stiff as one cluster a place is.
+    /// K: stiffness of a place of contact, in stiffnesses of a cluster.
     stiffness: f64,
-    /// By the places of the scene's objects.
+    /// Scene objects by their places.
     sides: Vec<Option<Side>>,
-    /// What was found last, and with the mesh's frame at which pose, within which reach (m).
+    /// Contacts of the last query.
     found: Vec<AreaContact>,
-    /// The places of the objects that they are with.
+    /// Places of the scene objects that they are with.
     places: Vec<usize>,
+    /// Pose of the mesh's frame and reach (m) of the last query, unless the scene has changed since.
     at: Option<(Pose, f64)>,
-    /// Contacts as the body has them.
+    /// Contacts carried to the body's pose.
     carried: Vec<AreaContact>,
     weights: Vec<f64>,
-    /// Those of one group.
-    weighed: Vec<Weighed>,
+    /// Weighted contacts of one group.
+    weighted: Vec<WeightedContact>,
     planes: Vec<(Option<usize>, Plane)>,
 }
 
-/// A scene object's side. Queries go on from what they found last within the same reach, which is another one for the proxy than for
-/// what is felt.
+/// A scene object's field and its queries, one for each [`Purpose`]. A query goes on from its last one if the
+/// reach is the same, and the two purposes have different reaches.
 #[derive(Debug)]
 struct Side {
     field: Arc<Field>,
     queries: [Option<FieldQuery>; 2],
 }
 
-/// What is looked for.
+/// Use of the contacts of a query.
 #[derive(Clone, Copy, Debug)]
 enum Purpose {
     Proxy,
@@ -142,31 +146,31 @@ enum Purpose {
 impl ByFields {
     pub fn new(needs: FieldNeeds, probe: &Object, clusters: usize) -> Result<Self, FieldError> {
         let mut law = law(probe);
-        // Its workspace grows with the contacts that it has seen.
+        // The law's workspace grows with the number of contacts; a call with many makes room for them.
         let contact = Contact {
             point: DVec3::ZERO,
             scene_point: DVec3::ZERO,
             normal: DVec3::Z,
             depth: f64::NEG_INFINITY,
         };
-        law.weights(&[AreaContact { contact, area: 0.0 }; MOST], needs.tolerance(), &Pose::IDENTITY);
+        law.weights(&[AreaContact { contact, area: 0.0 }; RESERVED], needs.tolerance(), &Pose::IDENTITY);
         Ok(Self {
             needs,
             probe: needs.of(probe)?,
             law,
             stiffness: clusters as f64,
             sides: Vec::new(),
-            found: Vec::with_capacity(MOST),
-            places: Vec::with_capacity(MOST),
+            found: Vec::with_capacity(RESERVED),
+            places: Vec::with_capacity(RESERVED),
             at: None,
-            carried: Vec::with_capacity(MOST),
-            weights: Vec::with_capacity(MOST),
-            weighed: Vec::with_capacity(MOST),
+            carried: Vec::with_capacity(RESERVED),
+            weights: Vec::with_capacity(RESERVED),
+            weighted: Vec::with_capacity(RESERVED),
             planes: Vec::with_capacity(64),
         })
     }
 
-    /// Puts an object at a place, with a workspace if it is to have one from the start.
+    /// Puts an object at a place, with a workspace from the start if `reserved`.
     pub fn insert(&mut self, place: usize, object: &Object, reserved: bool) -> Result<(), FieldError> {
         let field = self.needs.of(object)?;
         if self.sides.len() <= place {
@@ -178,7 +182,7 @@ impl ByFields {
         Ok(())
     }
 
-    /// Takes the object at a place out.
+    /// Removes the object at a place.
     pub fn remove(&mut self, place: usize) {
         if let Some(side) = self.sides.get_mut(place) {
             *side = None;
@@ -186,17 +190,17 @@ impl ByFields {
         self.at = None;
     }
 
-    /// What was found holds no longer.
+    /// Discards the result of the last query: the scene has changed.
     pub fn scene_has_changed(&mut self) {
         self.at = None;
     }
 
-    /// How far it can look, m.
-    pub fn furthest(&self) -> f64 {
+    /// Largest reach, m.
+    pub fn max_reach(&self) -> f64 {
         self.needs.options.band
     }
 
-    /// Bytes of memory that workspaces and fields hold.
+    /// Memory that workspaces and fields hold, bytes.
     pub fn bytes(&self) -> usize {
         let sides = || self.sides.iter().flatten();
         let queries = sides().flat_map(|side| &side.queries).flatten().map(FieldQuery::bytes).sum::<usize>();
@@ -210,8 +214,8 @@ impl ByFields {
         queries + fields.into_iter().map(|field| field.bytes()).sum::<usize>()
     }
 
-    /// Looks for contacts with all objects near, with the mesh's frame at a pose, if it did not do so last; `false` if an object
-    /// could not be looked at.
+    /// Finds the contacts with all objects near, with the mesh's frame at a pose, unless the last query was
+    /// the same; `false` if an object could not be queried.
     fn look(
         &mut self,
         purpose: Purpose,
@@ -245,7 +249,7 @@ impl ByFields {
         invalid == 0
     }
 
-    /// The deepest places of cells: with no area, since they are among what others stand for.
+    /// The deepest places of cells. They have no area, since other contacts represent theirs.
     fn deepest(&self) -> impl Iterator<Item = ProxyContact> {
         let pairs = self.found.iter().zip(&self.places).filter(|(found, _)| found.area == 0.0);
         pairs.map(|(found, &object)| {
@@ -259,9 +263,9 @@ impl ByFields {
         })
     }
 
-    /// The planes that push a body as the law has it, the strongest first, each with the place of the object that it is with, if
-    /// that moves. The proxy is at one pose of the centre of mass and the body at another (m: how far they are apart), and
-    /// `center` is that of the mesh's frame in the body's.
+    /// Returns the planes that push the body with the area law's force, the strongest first, each with the
+    /// place of its scene object if that moves. `proxy` and `body` are poses of the centre of mass, `lag` (m)
+    /// apart; `to_mesh` is the mesh's frame in the body's.
     pub fn planes(
         &mut self,
         (proxy, body): (&Pose, &Pose),
@@ -271,8 +275,8 @@ impl ByFields {
         scene: &mut SceneQuery,
         (still, objects, moving): (&mut ContactGroup, &mut [Option<InScene>], &[usize]),
     ) -> &[(Option<usize>, Plane)] {
-        let reach = (tolerance + in_steps(lag, tolerance)).min(self.furthest()).max(tolerance);
-        // What cannot be looked at was counted when the proxy report.
+        let reach = (tolerance + in_steps(lag, tolerance)).min(self.max_reach()).max(tolerance);
+        // Objects that cannot be queried were counted with the proxy's query.
         self.look(Purpose::Push, &(*proxy * *to_mesh), reach, scene, &mut QueryReport::default());
         self.carried.clear();
         self.carried.extend(
@@ -283,42 +287,43 @@ impl ByFields {
         let mesh = *body * *to_mesh;
         self.weights.clear();
         self.weights.extend_from_slice(self.law.weights(&self.carried, tolerance, &mesh));
-        let faded = FADING * (self.furthest() - tolerance);
-        let furthest = self.furthest();
+        let max_reach = self.max_reach();
+        let fade = FADE_SHARE * (max_reach - tolerance);
         for (weight, found) in self.weights.iter_mut().zip(&self.found) {
-            *weight *= self.stiffness * ((found.contact.depth + furthest) / faded).clamp(0.0, 1.0);
+            *weight *= self.stiffness * ((found.contact.depth + max_reach) / fade).clamp(0.0, 1.0);
         }
         self.merge(tolerance, &mesh, (still, objects, moving));
         &self.planes
     }
 
-    /// Makes planes of the weighed contacts: of those with objects that stand still together, and of those with each that moves.
+    /// Reduces the weighted contacts to planes: those with still objects together, those with each moving
+    /// object by themselves.
     fn merge(
         &mut self,
         tolerance: f64,
         mesh: &Pose,
         (still, objects, moving): (&mut ContactGroup, &mut [Option<InScene>], &[usize]),
     ) {
-        let Self { carried, weights, places, weighed, planes, .. } = self;
+        let Self { carried, weights, places, weighted, planes, .. } = self;
         planes.clear();
-        let gather = |weighed: &mut Vec<Weighed>, belongs: &dyn Fn(usize) -> bool| {
-            weighed.clear();
+        let gather = |weighted: &mut Vec<WeightedContact>, belongs: &dyn Fn(usize) -> bool| {
+            weighted.clear();
             let all = carried.iter().zip(weights.iter()).zip(places.iter());
-            weighed.extend(
+            weighted.extend(
                 all.filter(|((_, weight), place)| **weight > 0.0 && belongs(**place))
-                    .map(|((found, weight), _)| Weighed { contact: found.contact, weight: *weight }),
+                    .map(|((found, weight), _)| WeightedContact { contact: found.contact, weight: *weight }),
             );
         };
-        gather(weighed, &|place| !moving.contains(&place));
-        planes.extend(still.merging.run(weighed, tolerance, mesh).iter().map(|plane| (None, *plane)));
+        gather(weighted, &|place| !moving.contains(&place));
+        planes.extend(still.merging.run(weighted, tolerance, mesh).iter().map(|plane| (None, *plane)));
         for &place in moving {
             let Some(Some(InScene { moving: Some(moving), .. })) = objects.get_mut(place) else { continue };
-            gather(weighed, &|of| of == place);
-            let own = moving.1.merging.run(weighed, tolerance, mesh);
+            gather(weighted, &|of| of == place);
+            let own = moving.1.merging.run(weighted, tolerance, mesh);
             planes.extend(own.iter().map(|plane| (Some(place), *plane)));
         }
         let push = |(_, plane): &(Option<usize>, Plane)| plane.weight * (plane.contact.depth + tolerance);
-        // By insertion: they are few, and those that push alike keep their order.
+        // Insertion sort: there are few planes, and it is stable without allocating.
         for index in 1..planes.len() {
             let mut at = index;
             while at > 0 && push(&planes[at - 1]) < push(&planes[at]) {
@@ -329,16 +334,16 @@ impl ByFields {
     }
 }
 
-/// How far a body is from its proxy (m), in whole steps, so that how far is looked seldom changes.
+/// The lag of the proxy (m), rounded up to whole steps, so that the reach seldom changes.
 pub(super) fn in_steps(lag: f64, tolerance: f64) -> f64 {
-    (lag / (STEP * tolerance)).ceil() * STEP * tolerance
+    (lag / (REACH_STEP * tolerance)).ceil() * REACH_STEP * tolerance
 }
 
-/// For a proxy.
+/// The proxy's contact search in fields.
 pub(super) struct FieldFinder<'a> {
     pub by_fields: &'a mut ByFields,
     pub scene: &'a mut SceneQuery,
-    /// m.
+    /// Reach, m.
     pub reach: f64,
 }
 

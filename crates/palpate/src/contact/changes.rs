@@ -1,4 +1,4 @@
-//! Changes of the scene and of live settings, between the steps of the contact loop.
+//! Changes of the scene and of live settings between the steps of the contact loop.
 
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::BodyState;
@@ -16,9 +16,8 @@ use crate::settings::ContactSearch;
 use crate::settings::live::{ContactTuning, Ramp};
 
 impl ContactLoop {
-    /// Puts a scene object elsewhere, its mesh's frame at a pose in the world, from the next step on; `false`
-    /// if there is none. Contacts are rendered as if the object stood still there
-    /// ([`SceneEditor::set_pose`]).
+    /// Puts a scene object at a pose (mesh frame to world) from the next step on; `false` if it does not
+    /// exist. Contacts are rendered as if the object stood still there ([`SceneEditor::set_pose`]).
     pub fn set_pose(&mut self, object: SceneId, pose: &Pose) -> bool {
         let Some(place) = self.place_of(object) else { return false };
         let Some(InScene { handle, moving, .. }) = &mut self.objects[place] else { return false };
@@ -30,27 +29,27 @@ impl ContactLoop {
         self.scene.set_pose(handle, pose)
     }
 
-    /// What was found may hold no longer.
+    /// Discards the contacts found so far: the scene has changed.
     fn scene_has_changed(&mut self) {
         self.proxy.scene_has_changed();
-        if let Some(fields) = &mut self.by_fields {
+        if let Ok(fields) = &mut self.by_fields {
             fields.scene_has_changed();
         }
     }
 
-    /// Tells where a scene object that moves is at the time of the next step, and how fast; `false` if there
-    /// is none ([`SceneEditor::set_motion`]).
+    /// Sets the pose and the velocity of a moving scene object at the time of the next step; `false` if it
+    /// does not exist ([`SceneEditor::set_motion`]).
     pub fn set_motion(&mut self, object: SceneId, pose: &Pose, twist: &Twist) -> bool {
         self.moving(object).map(|moving| moving.set_motion(pose, twist)).is_some()
     }
 
-    /// Says how a scene object is moved by what touches it, from the next step on; `false` if there is none
+    /// Sets how contacts move a scene object, from the next step on; `false` if it does not exist
     /// ([`SceneEditor::set_dynamics`]).
     pub fn set_dynamics(&mut self, object: SceneId, body: Option<DynamicBody>) -> bool {
         self.moving(object).map(|moving| moving.set_dynamics(body)).is_some()
     }
 
-    /// What makes a scene object move, made if need be.
+    /// Motion of a scene object, which becomes a moving one if it was still.
     fn moving(&mut self, object: SceneId) -> Option<&mut MovingObject> {
         let place = self.place_of(object)?;
         let InScene { moving, .. } = self.objects[place].as_mut()?;
@@ -63,8 +62,8 @@ impl ContactLoop {
         Some(&mut moving.get_or_insert_with(made).0)
     }
 
-    /// Adds an object, its mesh's frame at a pose in the world, from the next step on; `false` if there is
-    /// one of that number, or its texture cannot be rendered. Allocates.
+    /// Adds an object at a pose (mesh frame to world) from the next step on; `false` if the id is taken or
+    /// its texture cannot be rendered. Allocates.
     pub fn add(&mut self, id: SceneId, object: &Object, pose: &Pose) -> bool {
         let added = self.insert(id, object, pose);
         if let Some(editor) = self.editor.as_ref().filter(|_| added) {
@@ -91,21 +90,20 @@ impl ContactLoop {
         false
     }
 
-    /// Gives an object at a place its field, where contacts are found in these; `false` if it has none and
-    /// that was asked for. Where it was not, contacts are found by levels from now on.
+    /// Adds an object's field at its place, if contacts are found in fields. If the object has no suitable
+    /// field, the search changes to levels; `false` if the settings rule that out.
     fn insert_field(&mut self, place: usize, object: &Object) -> bool {
-        let Some(fields) = &mut self.by_fields else { return true };
+        let Ok(fields) = &mut self.by_fields else { return true };
         if self.all_settings.search.method == ContactSearch::Automatic
             && let Some(why) = unfit(&fields.needs, object)
         {
-            self.by_fields = None;
-            self.by_levels = Some(why);
+            self.by_fields = Err(why);
             return true;
         }
         fields.insert(place, object, false).is_ok()
     }
 
-    /// Takes an object out, from the next step on; `false` if there is none.
+    /// Removes an object from the next step on; `false` if it does not exist.
     pub fn remove(&mut self, id: SceneId) -> bool {
         if let Some(editor) = &self.editor {
             editor.note(id, false);
@@ -117,7 +115,7 @@ impl ContactLoop {
         let Some(place) = self.place_of(id) else { return false };
         let Some(InScene { handle, object, .. }) = self.objects[place].take() else { return false };
         self.scene_has_changed();
-        if let Some(fields) = &mut self.by_fields {
+        if let Ok(fields) = &mut self.by_fields {
             fields.remove(place);
         }
         self.scene.remove(handle);
@@ -125,7 +123,7 @@ impl ContactLoop {
         self.retexture(&object)
     }
 
-    /// Puts another object in the place of one, which is moved by what touches it as that was.
+    /// Replaces an object by another, which keeps its id and its dynamics.
     fn replace(&mut self, id: SceneId, object: &Object, pose: &Pose) -> bool {
         let moving = self.place_of(id).and_then(|place| self.objects[place].as_mut()?.moving.take());
         if !(self.delete(id) && self.insert(id, object, pose)) {
@@ -141,8 +139,8 @@ impl ContactLoop {
         true
     }
 
-    /// Adds an object that follows another session's, as a host is told of its mesh's frame and its origin's
-    /// velocity.
+    /// Adds an object that follows another session's object, whose pose (mesh frame to world) and twist about
+    /// its origin come from `leader`.
     pub(crate) fn add_following(
         &mut self,
         object: &Object,
@@ -170,8 +168,8 @@ impl ContactLoop {
         SceneId(self.objects.iter().flatten().map(|object| object.id.0 + 1).max().unwrap_or(0))
     }
 
-    /// Makes the textures of the scene anew, if an object that came or went has to do with any; `false` if
-    /// that cannot be.
+    /// Rebuilds the textures of the scene if the object that was added or removed, or any other, is textured;
+    /// `false` if they cannot be rendered.
     fn retexture(&mut self, object: &Object) -> bool {
         if self.textures.is_none() && object.texture().is_none() && self.probe.texture().is_none() {
             return true;
@@ -190,24 +188,24 @@ impl ContactLoop {
         made.is_ok()
     }
 
-    /// Where an object is among those of the query.
+    /// Place of an object in the query.
     fn place_of(&self, id: SceneId) -> Option<usize> {
         self.objects.iter().position(|object| object.as_ref().is_some_and(|object| object.id == id))
     }
 
-    /// An editor that changes the scene from elsewhere, from the next step on. Each call gives another handle
-    /// to the same editor.
+    /// An editor that changes the scene from another thread, from the next step on. Each call returns another
+    /// handle to the same editor.
     pub fn editor(&mut self) -> SceneEditor {
         if let Some(editor) = &self.editor {
             return editor.clone();
         }
-        let needs = self.by_fields.as_ref().map(|fields| fields.needs.options());
+        let needs = self.by_fields.as_ref().ok().map(|fields| fields.needs.options());
         let (editor, edits) = SceneEditor::new(self.objects.iter().flatten().map(|object| object.id), needs);
         self.edits = Some(edits);
         self.editor.insert(editor).clone()
     }
 
-    /// Lets the editor of another loop, which has the same scene, change it here as well.
+    /// Connects the editor of another loop with the same scene to this one as well.
     pub(crate) fn follow_editor(&mut self, editor: &SceneEditor) {
         if self.editor.is_none() {
             self.edits = Some(editor.add_loop());
@@ -215,7 +213,7 @@ impl ContactLoop {
         }
     }
 
-    /// Makes the changes that wait.
+    /// Makes the pending changes of the scene.
     pub(super) fn make_edits(&mut self) {
         while let Some(edit) = self.edits.as_mut().and_then(|edits| edits.pop().ok()) {
             let made = match edit {
@@ -230,16 +228,16 @@ impl ContactLoop {
         }
     }
 
-    /// Goes over to what the loop is tuned to, in the time (s) since the last step.
+    /// Moves gains and s₀ towards the tuned ones over the time (s) since the last step.
     pub(super) fn tune(&mut self, interval: f64) {
         while let Some(tuning) = self.tunings.as_mut().and_then(|tunings| tunings.pop().ok()) {
             let ContactTuning { parameters, error, interpolation, query_budget } = tuning;
             let objects = self.objects.iter().flatten().map(|object| &object.object);
             let error = if any_refined(objects.chain([&self.probe])) { error } else { 0.0 };
-            // On the way to full resolution levels still go over into one another.
+            // Levels are interpolated until full resolution is reached.
             let coarsest = error.max(self.error);
             self.settings = query_settings(parameters.tolerance, coarsest, interpolation, query_budget);
-            if let Some(fields) = &mut self.by_fields {
+            if let Ok(fields) = &mut self.by_fields {
                 fields.needs.set_budget(query_budget);
             }
             self.tuning = Some(Ramp::new((self.parameters, self.error), (parameters, error)));
@@ -255,7 +253,7 @@ impl ContactLoop {
         }
     }
 
-    /// Moves the objects that move on to a time (s).
+    /// Advances the moving objects to a time (s). The proxy's contacts with those near the body move along.
     pub(super) fn move_objects(&mut self, body: &BodyState, time: f64) {
         self.fastest = 0.0;
         for &place in &self.moving {
@@ -268,12 +266,12 @@ impl ContactLoop {
                 continue;
             }
             self.scene.set_pose(*handle, &pose);
-            if let Some(fields) = &mut self.by_fields {
+            if let Ok(fields) = &mut self.by_fields {
                 fields.scene_has_changed();
             }
             let size = object.bounding_radius();
             if pose.translation.distance(body.pose.translation)
-                < size + self.radius + self.lookahead.outlook()
+                < size + self.radius + self.lookahead.max_motion()
             {
                 self.proxy.object_has_moved(place, &before, &pose);
                 let Twist { linear, angular } = moving.0.twist();

@@ -1,6 +1,7 @@
-//! Contacts that share a motion: those with all objects that stand still, or those with one object that moves.
+//! Groups of contacts: those with all still objects, or those with one moving object.
 //!
-//! Each group is condensed to few representatives of its own, with gains that suit its object, before they go into the contact model.
+//! Each group is reduced to a few contacts of its own, with gains that suit its object, before they go into
+//! the contact model.
 
 use palpate_collide::{Cluster, Clustering, PatchContact};
 use palpate_core::Pose;
@@ -16,21 +17,21 @@ use crate::scene::moving::MovingObject;
 /// Contacts that a group has room for from the start.
 const RESERVED: usize = 512;
 
-/// Largest number of clusters of contacts with one moving object: enough to hold a face. With more, two such objects and the still ones
-/// would exceed the budget of a contact model.
+/// Largest number of clusters of contacts with one moving object: enough to hold a face. With more, two such
+/// objects and the still ones would exceed the budget of a contact model.
 const MOVING_CLUSTERS: usize = 3;
 
 /// The scene's side of a group.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Counterpart<'a> {
-    /// Objects that stand still.
+    /// All still objects.
     Still,
-    /// An object that moves, its mesh's frame at a pose.
+    /// A moving object with its mesh's frame at a pose.
     Moving { object: &'a MovingObject, id: SceneId, pose: Pose },
 }
 
 impl Counterpart<'_> {
-    /// Its motion.
+    /// Motion of the object.
     pub fn body(&self) -> MovingBody {
         match self {
             Self::Still => MovingBody::STILL,
@@ -38,8 +39,8 @@ impl Counterpart<'_> {
         }
     }
 
-    /// Gains of `count` contacts with it, of which this is one, at a point (m) with a normal, contacts being looked for every `interval`
-    /// (s): no stiffer than is stable with an object that light.
+    /// Gains of one of `count` contacts with the object, at a point (m) with a normal, limited to what is
+    /// stable with an object of its mass when contacts are found every `interval` (s).
     pub fn gains(
         &self,
         gains: &ContactParameters,
@@ -57,19 +58,19 @@ impl Counterpart<'_> {
 /// Contacts of a group, with the clusters carried from step to step.
 #[derive(Debug)]
 pub(super) struct ContactGroup {
-    /// Contacts that are closed, or within d.
+    /// Contacts within d.
     pub touching: Vec<PatchContact>,
-    /// Contacts further apart that the body comes at.
+    /// Contacts further apart that the body approaches.
     approaching: Vec<PatchContact>,
     clustering: Clustering,
-    /// `None` where only the nearest approaching contact is kept.
+    /// `None` if only the nearest approaching contact is kept.
     approaching_clusters: Option<Clustering>,
-    /// Condenses the contacts that are found in fields.
+    /// Reduces the contacts found in fields.
     pub merging: Merging,
 }
 
 impl ContactGroup {
-    /// For all objects that stand still: at most `clusters` representatives, of a probe of a radius (m).
+    /// Makes the group of all still objects, with at most `clusters` clusters, for a probe of a radius (m).
     pub fn with_still(clusters: usize, radius: f64) -> Self {
         Self {
             touching: Vec::with_capacity(RESERVED),
@@ -80,7 +81,7 @@ impl ContactGroup {
         }
     }
 
-    /// For one object that moves.
+    /// Makes the group of one moving object.
     pub fn with_moving(clusters: usize, radius: f64) -> Self {
         let clusters = clusters.min(MOVING_CLUSTERS);
         Self {
@@ -92,13 +93,13 @@ impl ContactGroup {
         }
     }
 
-    /// Forgets the contacts of the last step; clusters are carried on.
+    /// Removes the contacts of the last step; clusters are carried on.
     pub fn clear(&mut self) {
         self.touching.clear();
         self.approaching.clear();
     }
 
-    /// Adds a contact that the body comes at.
+    /// Adds a contact that the body approaches.
     pub fn add_approaching(&mut self, contact: PatchContact) {
         match self.approaching.first_mut() {
             Some(nearest) if self.approaching_clusters.is_none() => {
@@ -110,12 +111,13 @@ impl ContactGroup {
         }
     }
 
-    /// Deepest penetration, m; 0 where there is none.
+    /// Largest penetration, m; 0 without any.
     pub fn deepest(&self) -> f64 {
         self.touching.iter().fold(0.0, |most: f64, found| most.max(found.contact.depth))
     }
 
-    /// Clusters the contacts within a tolerance (m) and adds the representatives to a model. `shown` gets each with its gains.
+    /// Clusters the contacts within d and adds the clusters to a model. `shown` gets each cluster with its
+    /// gains.
     pub fn push_touching(
         &mut self,
         model: &mut LinearContactModel,
@@ -138,8 +140,8 @@ impl ContactGroup {
         }
     }
 
-    /// Adds the contacts that the body comes at, found within a reach (m), to a model: they brake it from `braking_time` (s) before they
-    /// would close.
+    /// Adds the approaching contacts, found within a reach (m), to a model: they brake the body from
+    /// `braking_time` (s) before it would touch.
     pub fn push_approaching(
         &mut self,
         model: &mut LinearContactModel,
@@ -186,9 +188,9 @@ mod tests {
         LinearContactModel::empty(&Pose::IDENTITY, 0.0)
     }
 
-    /// However many contacts a face has, it is as stiff as so many clusters, and nothing of the model's budget is lost.
+    /// However many contacts a face has, it is as stiff as its clusters, and none is dropped from the model.
     #[test]
-    fn a_group_gives_no_more_representatives_than_its_clusters() {
+    fn a_group_pushes_no_more_contacts_than_its_clusters() {
         for clusters in [1, 3, 5] {
             let mut group = ContactGroup::with_still(clusters, 0.1);
             for i in 0..100 {
@@ -209,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_moving_object_the_nearest_approaching_contact_is_kept() {
+    fn the_nearest_approaching_contact_with_a_moving_object_is_kept() {
         let mut group = ContactGroup::with_moving(5, 0.1);
         for depth in [-4e-3, -2e-3, -3e-3] {
             group.add_approaching(contact(DVec3::ZERO, depth));
@@ -222,7 +224,7 @@ mod tests {
         assert!((kept.scene_point.z - 2e-3).abs() < 1e-15 && kept.braking_time == 0.01);
     }
 
-    /// Light objects are touched softly, and the more softly the more contacts share them.
+    /// Contacts with a light object are soft, and softer the more of them there are.
     #[test]
     fn the_gains_of_a_light_object_are_shared_among_its_clusters() {
         let body = DynamicBody {

@@ -1,4 +1,4 @@
-//! The objects of the scene that a contact loop knows.
+//! The scene objects of a contact loop.
 
 use palpate_collide::ObjectHandle;
 
@@ -13,7 +13,7 @@ pub(super) struct InScene {
     pub id: SceneId,
     pub handle: ObjectHandle,
     pub object: Object,
-    /// Of an object that moves, or can be moved: its motion, and the contacts with it.
+    /// Motion of the object and the contacts with it, if it moves or can be moved.
     pub moving: Option<Box<(MovingObject, ContactGroup)>>,
 }
 

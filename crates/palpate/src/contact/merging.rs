@@ -1,54 +1,61 @@
-//! Many weighed contacts become few planes that push with the same wrench.
+//! Reduction of many weighted contacts to a few planes that push with the same wrench.
 //!
-//! Contacts gather around seeds, by their places on the probe and their normals. A contact is shared: the nearest seed has all of
-//! it where every other is more than about twice as far, and shares pass smoothly from one to the other in between. All of its
-//! push is with some seed, so that the planes' force is exactly that of the contacts, whatever the seeds are; they decide only how
-//! it changes as the body moves on. The torque is the same but for its part along each plane's normal, which no plane can have.
+//! Contacts are assigned to seeds by place on the probe and by normal. The assignment is soft: the nearest
+//! seed takes all of a contact where every other is more than about twice as far, and the shares change
+//! smoothly in between. The shares of a contact add up to 1, so the planes' force is exactly that of the
+//! contacts, whatever the seeds are; seeds only decide how the force changes as the body moves on. The torque
+//! is the same except for its part along each plane's normal, which a single force cannot produce.
 //!
-//! The seeds are kept in the probe's frame and go a part of the way to the mean of their contacts in each call; one that has none is
-//! dropped, and where there is room for more, one is added at the contact that is worst represented.
+//! Seeds are kept in the probe's frame. In each call they move a fraction of the distance to the mean of
+//! their contacts. A seed without contacts is dropped; where there is room, a seed is added at the contact
+//! that is represented worst.
 
 use palpate_core::glam::{DMat3, DVec3};
 use palpate_core::{Contact, Pose};
 
-/// A seed has a share of a contact if the squared distance to the nearest seed over that to this one is above this.
-const REACH: f64 = 0.25;
+/// Smallest ratio, nearest squared distance over that of a seed, at which the seed has a share of a contact.
+/// With 1 contacts would jump from seed to seed.
+const MIN_DISTANCE_RATIO: f64 = 0.25;
 
-/// Distances are blurred by this part of the probe's radius: contacts that move by less hardly change their shares.
+/// Blur of distances, in radii of the probe: contacts that move by less hardly change their shares.
 const BLUR: f64 = 0.05;
 
-/// How far opposite directions are apart, in radii of the probe.
-const OPPOSITE: f64 = 2.0;
+/// Distance between opposite normals, in radii of the probe. With less, planes mix contacts that face
+/// different directions.
+const OPPOSITE_NORMALS: f64 = 2.0;
 
-/// The part of the way to the mean of its contacts that a seed goes in a call.
-const STEP: f64 = 0.125;
+/// Fraction of the distance to the mean of its contacts that a seed moves in a call. With more, planes jump
+/// with the contacts.
+const SEED_STEP: f64 = 0.125;
 
-/// Steps of Lloyd's method from nothing.
+/// Number of steps of Lloyd's method when there are no seeds yet.
 const FIRST_STEPS: u32 = 8;
 
-/// Of the radius of a plane's contacts, as far as its point may be from their mean to have their torque.
-const FURTHEST: f64 = 1.0;
+/// Largest distance of a plane's point from the mean of its contacts, in radii of these. It is moved there to
+/// produce their torque.
+const MAX_OFFSET: f64 = 1.0;
 
-/// A plane is left out if no more than this part of its contacts' pushes remains in their sum.
-const CANCELLED: f64 = 1e-9;
+/// Smallest net push of a plane's contacts as a fraction of the sum of their pushes. Below, the pushes cancel
+/// and the direction of the rest is rounding: the plane is left out.
+const MIN_NET_PUSH: f64 = 1e-9;
 
-/// A contact, and with which part of the stiffness it pushes.
+/// A contact with its weight.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Weighed {
-    /// In world axes.
+pub(crate) struct WeightedContact {
+    /// The contact, in world axes.
     pub contact: Contact,
-    /// Of the stiffness, above 0.
+    /// Fraction of the stiffness that it pushes with, above 0.
     pub weight: f64,
 }
 
-/// What stands for some contacts.
+/// A plane that pushes like a group of contacts.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Plane {
-    /// In world axes. It pushes with its weight as they do together.
+    /// The contact with the plane, in world axes.
     pub contact: Contact,
-    /// Of the stiffness.
+    /// Fraction of the stiffness that it pushes with.
     pub weight: f64,
-    /// Root mean square distance of the contacts from its point, m.
+    /// Root mean square distance of the group's contacts from the plane's point, m.
     pub radius: f64,
 }
 
@@ -56,30 +63,35 @@ pub(crate) struct Plane {
 #[derive(Clone, Debug)]
 pub(crate) struct Merging {
     capacity: usize,
-    /// Of the probe, m.
+    /// Bounding radius of the probe, m.
     radius: f64,
-    /// In the probe's frame: places and unit normals.
+    /// Places and unit normals of the seeds, in the probe's frame.
     seeds: Vec<(DVec3, DVec3)>,
     sums: Vec<Sums>,
     planes: Vec<Plane>,
 }
 
-/// A seed with the sums over its contacts' shares.
+/// A seed with sums over its shares of contacts. **p** is a contact's point relative to the seed, w its
+/// weight times the share, f = w (δ + d) its push.
 #[derive(Clone, Copy, Debug)]
 struct Sums {
-    /// In world axes.
+    /// Place and unit normal of the seed, in world axes.
     point: DVec3,
     normal: DVec3,
-    /// Squared distance from the contact at hand, and share of it.
+    /// Squared distance from the contact being shared out, m², and the seed's claim to it.
     distance: f64,
     share: f64,
-    /// Σ f, for f = w (δ + d), m; Σ f **p** about the seed; Σ f |p|² likewise.
+    /// Σ f, m.
     push: f64,
+    /// Σ f **p**, m².
     moment: DVec3,
+    /// Σ f |**p**|², m³.
     spread: f64,
-    /// Σ f **n**, m, Σ f **p** × **n** about the seed, m², and Σ w **n** **n**ᵀ.
+    /// Σ f **n**, m.
     force: DVec3,
+    /// Σ f **p** × **n**, m².
     torque: DVec3,
+    /// Σ w **n** **n**ᵀ.
     stiffness: DMat3,
 }
 
@@ -99,6 +111,7 @@ impl Sums {
         }
     }
 
+    /// Mean place and direction of the contacts; those of the seed where there are none.
     fn mean(&self) -> (DVec3, DVec3) {
         if self.push > 0.0 {
             (self.point + self.moment / self.push, self.force.try_normalize().unwrap_or(self.normal))
@@ -107,7 +120,7 @@ impl Sums {
         }
     }
 
-    /// Adds a part of a contact.
+    /// Adds a contact with its weight times the seed's share.
     fn add(&mut self, contact: &Contact, weight: f64, tolerance: f64) {
         let (arm, normal) = (contact.point - self.point, contact.normal);
         let push = weight * (contact.depth + tolerance);
@@ -119,28 +132,32 @@ impl Sums {
         self.stiffness += DMat3::from_cols(normal * normal.x, normal * normal.y, normal * normal.z) * weight;
     }
 
+    /// The plane with the contacts' net push **F** = Σ f **n** and torque **T** = Σ f **p** × **n**; none if
+    /// the pushes cancel.
     fn plane(&self, tolerance: f64) -> Option<Plane> {
         let size = self.force.length();
-        if self.push <= 0.0 || size <= CANCELLED * self.push {
+        if self.push <= 0.0 || size <= MIN_NET_PUSH * self.push {
             return None;
         }
         let normal = self.force / size;
-        // As stiff along its normal as they are.
+        // As stiff along its normal as the contacts together: w = **n**ᵀ (Σ w **n** **n**ᵀ) **n**, and w (δ +
+        // d) = |**F**|.
         let weight = normal.dot(self.stiffness * normal);
         let depth = size / weight - tolerance;
         let mean = self.moment / self.push;
         let radius = (self.spread / self.push - mean.length_squared()).max(0.0).sqrt();
-        // Where the force has their torque, but for what is along it.
-        let left = self.torque - mean.cross(self.force);
-        let aside = self.force.cross(left) / (size * size);
-        let point = self.point + mean + aside.clamp_length_max(FURTHEST * radius);
+        // **F** at the mean lacks the torque **L** = **T** − **m** × **F**. An offset **F** × **L** /
+        // |**F**|² adds all of it but the part along **F**.
+        let missing = self.torque - mean.cross(self.force);
+        let offset = self.force.cross(missing) / (size * size);
+        let point = self.point + mean + offset.clamp_length_max(MAX_OFFSET * radius);
         let contact = Contact { point, scene_point: point - depth * normal, normal, depth };
         (weight > 0.0 && depth.is_finite()).then_some(Plane { contact, weight, radius })
     }
 }
 
 impl Merging {
-    /// For a probe of a radius (m); at most so many planes, at least one.
+    /// Makes the workspace for at most `capacity` planes (at least one) on a probe of a bounding radius (m).
     pub fn new(capacity: usize, radius: f64) -> Self {
         let capacity = capacity.max(1);
         Self {
@@ -152,8 +169,9 @@ impl Merging {
         }
     }
 
-    /// The planes of contacts within a tolerance (m), with the probe at a pose. Deterministic; allocates nothing.
-    pub fn run(&mut self, contacts: &[Weighed], tolerance: f64, probe_pose: &Pose) -> &[Plane] {
+    /// Reduces the contacts within a tolerance (m) to planes, with the probe at a pose. Deterministic;
+    /// allocates nothing.
+    pub fn run(&mut self, contacts: &[WeightedContact], tolerance: f64, probe_pose: &Pose) -> &[Plane] {
         self.sums.clear();
         let place = |(point, normal)| {
             Sums::at(probe_pose.transform_point(point), probe_pose.transform_vector(normal))
@@ -178,9 +196,11 @@ impl Merging {
         &self.planes
     }
 
-    /// Shares the contacts out among the seeds.
-    fn share(&mut self, contacts: &[Weighed], tolerance: f64) {
-        for Weighed { contact, weight } in contacts.iter().filter(|one| one.contact.depth > -tolerance) {
+    /// Shares the contacts out among the seeds: seed i at squared distance D_i gets s_i / Σ s_j with
+    /// s_i = max(0, D_min / D_i − [`MIN_DISTANCE_RATIO`]).
+    fn share(&mut self, contacts: &[WeightedContact], tolerance: f64) {
+        let touching = contacts.iter().filter(|one| one.contact.depth > -tolerance);
+        for WeightedContact { contact, weight } in touching {
             let mut nearest = f64::INFINITY;
             for sums in &mut self.sums {
                 sums.distance = distance(sums, contact, self.radius);
@@ -188,7 +208,7 @@ impl Merging {
             }
             let mut claims = 0.0;
             for sums in &mut self.sums {
-                sums.share = (nearest / sums.distance - REACH).max(0.0);
+                sums.share = (nearest / sums.distance - MIN_DISTANCE_RATIO).max(0.0);
                 claims += sums.share;
             }
             for sums in self.sums.iter_mut().filter(|sums| sums.share > 0.0) {
@@ -197,16 +217,17 @@ impl Merging {
         }
     }
 
-    /// Adds a seed at the contact that is worst represented; `false` where there is no room or no need.
-    fn add_seed(&mut self, contacts: &[Weighed], tolerance: f64) -> bool {
+    /// Adds a seed at the contact that is represented worst: the one with the largest push times squared
+    /// distance to its nearest seed. Returns `false` if there is no room or no need.
+    fn add_seed(&mut self, contacts: &[WeightedContact], tolerance: f64) -> bool {
         if self.sums.len() == self.capacity {
             return false;
         }
         let blur = (BLUR * self.radius).powi(2);
         let mut worst = (None, 0.0);
-        for Weighed { contact, weight } in contacts {
+        for WeightedContact { contact, weight } in contacts {
             let away = self.sums.iter().map(|sums| distance(sums, contact, self.radius) - blur);
-            // One that is as near as rounding tells is there already.
+            // A contact within the blur of a seed is represented by it.
             let away = away.reduce(f64::min).map_or(1.0, |away| if away > blur { away } else { 0.0 });
             let cost = weight * (contact.depth + tolerance) * away;
             if cost > worst.1 {
@@ -218,22 +239,24 @@ impl Merging {
         true
     }
 
-    /// Moves the seeds on for the next call, and drops those without contacts.
+    /// Moves the seeds towards the means of their contacts for the next call, and drops those without
+    /// contacts.
     fn carry(&mut self, probe_pose: &Pose) {
         let to_probe = probe_pose.inverse();
         self.seeds.clear();
         for sums in self.sums.iter().filter(|sums| sums.push > 0.0) {
             let (point, normal) = sums.mean();
-            let point = sums.point.lerp(point, STEP);
-            let normal = sums.normal.lerp(normal, STEP).try_normalize().unwrap_or(normal);
+            let point = sums.point.lerp(point, SEED_STEP);
+            let normal = sums.normal.lerp(normal, SEED_STEP).try_normalize().unwrap_or(normal);
             self.seeds.push((to_probe.transform_point(point), to_probe.transform_vector(normal)));
         }
     }
 }
 
-/// Squared distance of a contact from a seed, by place and direction, blurred, m².
+/// Squared distance of a contact from a seed by place and direction, blurred, m²:
+/// |**p** − **s**|² + (r |**n** − **n**_s|)² + blur². Never 0, since it is divided by.
 fn distance(seed: &Sums, contact: &Contact, radius: f64) -> f64 {
-    let turned = 0.5 * OPPOSITE * radius * seed.normal.distance(contact.normal);
+    let turned = 0.5 * OPPOSITE_NORMALS * radius * seed.normal.distance(contact.normal);
     let blur = BLUR * radius;
     seed.point.distance_squared(contact.point) + turned * turned + blur * blur + f64::MIN_POSITIVE
 }
@@ -253,13 +276,13 @@ mod tests {
         DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
     }
 
-    /// Contacts on a sphere's lower side, as many as a wide contact has.
-    fn contacts(rng: &mut StdRng, count: usize) -> Vec<Weighed> {
+    /// Random contacts on a sphere's lower side.
+    fn contacts(rng: &mut StdRng, count: usize) -> Vec<WeightedContact> {
         let one = |rng: &mut StdRng| {
             let normal = (vector(rng) - 1.5 * DVec3::Z).normalize();
             let (point, depth) = (normal + 0.05 * vector(rng), rng.random_range(-0.9 * D..3.0 * D));
             let contact = Contact { point, scene_point: point - depth * normal, normal, depth };
-            Weighed { contact, weight: rng.random_range(0.01..0.2) }
+            WeightedContact { contact, weight: rng.random_range(0.01..0.2) }
         };
         (0..count).map(|_| one(rng)).collect()
     }
@@ -295,7 +318,7 @@ mod tests {
                 let whole: f64 = found.iter().map(|one| one.weight).sum();
                 assert!(stiffness <= whole * (1.0 + 1e-9), "{stiffness} is stiffer than {whole}");
             }
-            // What is left of the torque is about the planes' normals.
+            // The missing torque is about the planes' normals.
             assert!(most < 0.5 / capacity as f64, "{capacity} planes: a lever of {most} radii is left");
         }
     }
@@ -305,17 +328,17 @@ mod tests {
         let mut rng = StdRng::seed_from_u64(0x3E27);
         let mut merging = Merging::new(16, 1.0);
         let ends = [(-DVec3::X, DVec3::Z), (DVec3::X, DVec3::Z), (DVec3::X, -DVec3::Z), (DVec3::Y, DVec3::Y)];
-        let found: Vec<Weighed> = ends
+        let found: Vec<WeightedContact> = ends
             .into_iter()
             .map(|(point, normal)| {
                 let depth = rng.random_range(-0.5 * D..D);
                 let contact = Contact { point, scene_point: point - depth * normal, normal, depth };
-                Weighed { contact, weight: rng.random_range(0.1..1.0) }
+                WeightedContact { contact, weight: rng.random_range(0.1..1.0) }
             })
             .collect();
         let planes = merging.run(&found, D, &Pose::IDENTITY);
         assert_eq!(planes.len(), found.len());
-        for Weighed { contact, weight } in &found {
+        for WeightedContact { contact, weight } in &found {
             let same = |plane: &&Plane| {
                 plane.contact.point.distance(contact.point) < 1e-9
                     && plane.contact.normal.distance(contact.normal) < 1e-9
@@ -327,9 +350,9 @@ mod tests {
     }
 
     #[test]
-    fn what_cancels_is_left_out() {
+    fn contacts_that_cancel_are_left_out() {
         let mut merging = Merging::new(1, 1.0);
-        let contact = |normal: DVec3| Weighed {
+        let contact = |normal: DVec3| WeightedContact {
             contact: Contact { point: DVec3::ZERO, scene_point: DVec3::ZERO, normal, depth: 0.0 },
             weight: 0.5,
         };

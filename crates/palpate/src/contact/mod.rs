@@ -1,4 +1,5 @@
-//! The contact loop (§5.1.2): query the scene at the object's pose, cluster the contacts, linearise their response.
+//! The contact loop (§5.1.2): queries the scene at the object's pose, clusters the contacts and linearises
+//! their response.
 
 mod assemble;
 mod by_fields;
@@ -44,11 +45,11 @@ use crate::settings::live::{ContactTuning, Ramp};
 use crate::settings::{DetailSettings, SearchSettings, Settings};
 use crate::telemetry::ContactTelemetry;
 
-/// Scene objects that have a full workspace from the start. Those of further ones are made, or grow, when they are first
-/// within reach.
+/// Number of scene objects with a full workspace from the start. Those of further objects are allocated, or
+/// grow, when they are first within reach.
 const RESERVED: usize = 16;
 
-/// Why there can be no contact loop.
+/// Error of making a contact loop.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ContactLoopError {
     #[error(transparent)]
@@ -57,16 +58,16 @@ pub(crate) enum ContactLoopError {
     Field(#[from] FieldError),
 }
 
-/// What a contact step hands to the haptic loop.
+/// Result of a contact step, for the haptic loop.
 #[derive(Clone, Copy, Debug)]
 pub struct ContactUpdate {
     /// The linearised contacts.
     pub model: LinearContactModel,
     /// Time of the body state that the query saw, s; NaN before the first query.
     pub time: f64,
-    /// Deepest penetration, m, by the contacts' planes; 0 when disjoint.
+    /// Largest penetration, m, by the contacts' planes; 0 if disjoint.
     pub depth: f64,
-    /// Contacts found, before clustering.
+    /// Number of contacts found, before clustering.
     pub contacts: u32,
 }
 
@@ -84,10 +85,10 @@ impl ContactUpdate {
 
 /// The state of the contact loop, with the workspaces of its queries.
 ///
-/// Contacts are clustered as the queries find them, between patches, and not made a
-/// [contact set](palpate_collide::ContactSet) of before. That would leave few of those that are close to one another in
-/// depth: of a face that rests flat on another one, the corner alone that is closest by a trace, as soon as it tilts, so
-/// that the torque jumps; and contacts that fade in and out between levels of detail would not.
+/// The contacts between patches are clustered as the queries find them, without reducing them to a [contact
+/// set](palpate_collide::ContactSet) first. A contact set keeps only local minima: when a face that rests
+/// flat on another tilts slightly, only its lowest corner would remain and the torque would jump. Nor would
+/// contacts fade in and out between levels of detail.
 #[derive(Debug)]
 pub struct ContactLoop {
     /// Centre of mass of the probe in its mesh's frame, m.
@@ -95,18 +96,19 @@ pub struct ContactLoop {
     scene: SceneQuery,
     proxy: Proxy,
     probe: Object,
-    /// By their places in the query.
+    /// Scene objects by their places in the query.
     objects: Vec<Option<InScene>>,
-    /// Places of those that move, or can be moved, and how fast a point of those that are near moves at most, m/s.
+    /// Places of the objects that move or can be moved.
     moving: Vec<usize>,
+    /// Bound on the speed of any point of the moving objects near the body, m/s.
     fastest: f64,
-    /// Changes that wait, where someone may make them, and the editor that makes them.
+    /// Pending changes of the scene, and the editor that sends them.
     edits: Option<Consumer<Edit>>,
     editor: Option<SceneEditor>,
     tunings: Option<Consumer<ContactTuning>>,
-    /// Where gains and s₀ go over to.
+    /// Ramp of gains and s₀ to tuned ones.
     tuning: Option<Ramp<(ContactParameters, f64)>>,
-    /// What textures are made with.
+    /// Settings that textures are rebuilt with.
     all_settings: Settings,
     /// s₀, m; 0 for full resolution.
     error: f64,
@@ -114,21 +116,20 @@ pub struct ContactLoop {
     parameters: ContactParameters,
     /// Contacts with all scene objects that are not textured and do not move.
     still: ContactGroup,
-    /// Where contacts are found in fields, or why they are not.
-    by_fields: Option<Box<ByFields>>,
-    by_levels: Option<ByLevels>,
-    /// Where an object is textured.
+    /// Contact search in fields, or the reason for the search by levels.
+    by_fields: Result<Box<ByFields>, ByLevels>,
+    /// Texture stage, if an object is textured.
     textures: Option<Textures>,
     braking: bool,
-    /// Of the grasped object, kg.
+    /// Mass of the grasped object, kg.
     mass: f64,
     /// Bounding radius of the probe about its centre of mass, m.
     radius: f64,
     lookahead: Lookahead,
-    /// Of the last step, s.
+    /// Time of the last step, s.
     time: f64,
     telemetry: ContactTelemetry,
-    /// Where someone looks on, and what finds the patches that touch.
+    /// Feed of the contact monitors, if there are any, and the search for the patches that touch.
     monitored: Option<MonitorFeed>,
     patches: Patches,
 }
@@ -145,27 +146,10 @@ impl ContactLoop {
         let DetailSettings { error, interpolation, query_budget } = settings.detail;
         let SearchSettings { clusters, braking, proxy, .. } = settings.search;
         let radius = probe.bounding_radius() + probe.clod.source.center_of_mass.length();
-        let mut query = SceneQuery::new(probe.shape());
-        let objects: Vec<Option<InScene>> = (0..)
-            .map(SceneId)
-            .zip(scene)
-            .map(|(id, Placed { object, pose })| {
-                let handle = query.add(object.shape(), pose);
-                Some(InScene::new(id, handle, object))
-            })
-            .collect();
-        for (index, placed) in scene.iter().enumerate().take(RESERVED) {
-            let same = |other: &&Placed| Arc::ptr_eq(&other.object.clod, &placed.object.clod);
-            query.reserve(placed.object.shape(), scene[..=index].iter().filter(same).count());
-        }
-        let textures = Textures::new(probe, &objects_of(&objects), settings, parameters.tolerance, radius)?;
-        let with_places = objects.iter().enumerate().filter_map(|(place, object)| {
-            object.as_ref().map(|InScene { object, .. }| (place, object, place < RESERVED))
-        });
-        let (by_fields, by_levels) = match choose(probe, with_places, parameters.tolerance, settings)? {
-            Ok(fields) => (Some(fields), None),
-            Err(why) => (None, Some(why)),
-        };
+        let (query, objects) = place_objects(probe, scene);
+        let with_places = objects_of(&objects);
+        let textures = Textures::new(probe, &with_places, settings, parameters.tolerance, radius)?;
+        let by_fields = choose(probe, &with_places, parameters.tolerance, settings)?;
         let recesses = textures.as_ref().map_or_else(Vec::new, Textures::recesses);
         let objects_with_probe = std::iter::once(probe).chain(scene.iter().map(|placed| &placed.object));
         let error = if any_refined(objects_with_probe) { error } else { 0.0 };
@@ -187,7 +171,6 @@ impl ContactLoop {
             parameters,
             still: ContactGroup::with_still(clusters, probe.bounding_radius()),
             by_fields,
-            by_levels,
             textures,
             braking,
             mass: body.mass,
@@ -200,13 +183,13 @@ impl ContactLoop {
         })
     }
 
-    /// The distance tolerance d that contacts are looked for within, m.
+    /// The distance tolerance d, m.
     pub(crate) fn tolerance(&self) -> f64 {
         self.parameters.tolerance
     }
 
-    /// Contacts for the grasped object's state at `time` (s). Allocates only while its workspaces grow to the scene's
-    /// need.
+    /// Finds the contacts for the grasped object's state at `time` (s). Allocates only while the workspaces
+    /// grow to the size that the scene needs.
     pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
         self.make_edits();
         let interval = time - std::mem::replace(&mut self.time, time);
@@ -218,22 +201,8 @@ impl ContactLoop {
         let lag = self.lookahead.limited_lag(self.proxy.lag());
         let motion = self.lookahead.motion_bound(&body.twist, self.fastest, ahead);
         let behind = if self.is_by_fields() { in_steps(lag, tolerance) } else { lag };
-        // No further than queries look.
-        let reach = (near + behind + motion).min(self.furthest());
-        let report = match &mut self.by_fields {
-            Some(by_fields) if self.textures.is_none() => {
-                self.proxy.follow(&body.pose, &mut FieldFinder { by_fields, scene: &mut self.scene, reach })
-            }
-            _ => {
-                let settings = QuerySettings { tolerance: reach, ..self.settings };
-                self.proxy.follow(&body.pose, &mut LevelFinder { scene: &mut self.scene, settings })
-            }
-        };
-        let events = &mut self.telemetry.events;
-        events.contact_overflow += report.dropped as u64;
-        events.contact_refused += u64::from(report.refused);
-        events.not_converged += report.not_converged as u64;
-        events.held_back += u64::from(*self.proxy.pose() != body.pose);
+        let reach = (near + behind + motion).min(self.max_reach());
+        self.move_proxy(&body.pose, reach);
         let depths = self.proxy.contacts().map(|found| found.contact.contact.depth);
         self.lookahead.adapt((motion, lag), near, depths);
         self.sort(body, ahead);
@@ -259,7 +228,27 @@ impl ContactLoop {
         ContactUpdate { model, time, depth, contacts: contacts as u32 }
     }
 
-    /// The groups of contacts: with all that stands still, and with each object that moves.
+    /// Moves the proxy towards a pose of the body, with contacts found within a reach (m), and counts the
+    /// queries' events.
+    fn move_proxy(&mut self, goal: &Pose, reach: f64) {
+        let Self { proxy, scene, .. } = self;
+        let report = match &mut self.by_fields {
+            Ok(by_fields) if self.textures.is_none() => {
+                proxy.follow(goal, &mut FieldFinder { by_fields, scene, reach })
+            }
+            _ => {
+                let settings = QuerySettings { tolerance: reach, ..self.settings };
+                proxy.follow(goal, &mut LevelFinder { scene, settings })
+            }
+        };
+        let events = &mut self.telemetry.events;
+        events.contact_overflow += report.dropped as u64;
+        events.contact_refused += u64::from(report.refused);
+        events.not_converged += report.not_converged as u64;
+        events.held_back += u64::from(proxy.pose() != goal);
+    }
+
+    /// The groups of contacts: that of all still objects, then those of each moving object.
     fn groups(&self) -> impl Iterator<Item = &ContactGroup> {
         let moving =
             self.moving.iter().filter_map(|&place| Some(&self.objects[place].as_ref()?.moving.as_ref()?.1));
@@ -268,23 +257,21 @@ impl ContactLoop {
 
     /// Whether contacts are found in fields.
     pub(crate) fn is_by_fields(&self) -> bool {
-        self.by_fields.is_some() && self.textures.is_none()
+        self.by_fields.is_ok() && self.textures.is_none()
     }
 
-    /// How contacts are found: off by so much (m) in fields, or by levels, and why.
+    /// The error of contacts found in fields, m, or the reason why they are found by levels.
     pub(crate) fn search(&self) -> Result<f64, &ByLevels> {
-        match (&self.by_levels, &self.by_fields) {
-            (Some(why), _) => Err(why),
-            _ if self.textures.is_some() => Err(&ByLevels::Texture),
-            (None, Some(fields)) => Ok(fields.needs.error()),
-            (None, None) => Err(&ByLevels::AskedFor),
+        match &self.by_fields {
+            Ok(_) if self.textures.is_some() => Err(&ByLevels::Texture),
+            found => found.as_ref().map(|fields| fields.needs.error()),
         }
     }
 
-    /// How far contacts can be looked for, m.
-    fn furthest(&self) -> f64 {
+    /// Largest reach of the contact search, m.
+    fn max_reach(&self) -> f64 {
         match &self.by_fields {
-            Some(fields) if self.textures.is_none() => fields.furthest(),
+            Ok(fields) if self.textures.is_none() => fields.max_reach(),
             _ => self.probe.shape().max_tolerance(),
         }
     }
@@ -293,7 +280,8 @@ impl ContactLoop {
         self.tunings = Some(tunings);
     }
 
-    /// A monitor that shows the contacts in another thread, from the next step on. There may be several.
+    /// Makes a monitor that receives the contacts in another thread, from the next step on. There may be
+    /// several.
     pub fn contact_monitor(&mut self) -> ContactMonitor {
         match &mut self.monitored {
             Some(monitored) => monitored.add_monitor(),
@@ -305,17 +293,17 @@ impl ContactLoop {
         }
     }
 
-    /// Whether someone looks on.
+    /// Whether there is a contact monitor.
     pub(crate) fn is_watched(&self) -> bool {
         self.monitored.is_some()
     }
 
-    /// The detail that is left out, m; 0 where there is none, or full resolution is asked for.
+    /// Error threshold s₀, m; 0 for full resolution.
     pub(crate) fn error(&self) -> f64 {
         self.error
     }
 
-    /// What computes textured contacts; `None` without textures.
+    /// Name of the backend of textured contacts; `None` without textures.
     pub(crate) fn texture_backend(&self) -> Option<&str> {
         self.textures.as_ref().map(Textures::backend)
     }
@@ -326,19 +314,20 @@ impl ContactLoop {
         }
     }
 
-    /// Contacts of the last step with objects that are not textured, before clustering, world axes. Those found in fields are of no
-    /// nodes ([`NO_NODE`](palpate_core::clod::NO_NODE)): the deepest places of each cell.
+    /// Contacts of the last step with objects that are not textured, before clustering, world axes. Those
+    /// found in fields are the deepest places of each cell and have no nodes
+    /// ([`NO_NODE`](palpate_core::clod::NO_NODE)).
     pub fn contacts(&self) -> impl Iterator<Item = &PatchContact> {
         self.groups().flat_map(|group| &group.touching)
     }
 
-    /// Memory that the workspaces of its queries hold, besides the objects' hierarchies: with their fields, where contacts are found
-    /// in these.
+    /// Memory that the query workspaces and the objects' fields hold, bytes; the objects' hierarchies are not
+    /// counted.
     pub fn workspace_bytes(&self) -> usize {
         self.scene.bytes() + self.by_fields.as_ref().map_or(0, |fields| fields.bytes())
     }
 
-    /// What was measured so far.
+    /// Telemetry since the start.
     pub fn telemetry(&self) -> &ContactTelemetry {
         &self.telemetry
     }
@@ -348,12 +337,27 @@ impl ContactLoop {
     }
 }
 
-/// Whether some have detail to leave out: where all are one hull, nothing is to be measured for it.
+/// Puts the scene objects into a query for the probe, with workspaces for the first [`RESERVED`] of them.
+fn place_objects(probe: &Object, scene: &[Placed]) -> (SceneQuery, Vec<Option<InScene>>) {
+    let mut query = SceneQuery::new(probe.shape());
+    let mut objects = Vec::with_capacity(scene.len());
+    for (index, Placed { object, pose }) in scene.iter().enumerate() {
+        let handle = query.add(object.shape(), pose);
+        objects.push(Some(InScene::new(SceneId(index), handle, object)));
+    }
+    for (index, placed) in scene.iter().enumerate().take(RESERVED) {
+        let same = |other: &&Placed| Arc::ptr_eq(&other.object.clod, &placed.object.clod);
+        query.reserve(placed.object.shape(), scene[..=index].iter().filter(same).count());
+    }
+    (query, objects)
+}
+
+/// Whether some object has levels of detail; an object of one hull has no detail to leave out.
 fn any_refined<'a>(mut objects: impl Iterator<Item = &'a Object>) -> bool {
     objects.any(|object| object.clod.levels.len() > 1)
 }
 
-/// What contacts are looked for with, within a tolerance (m).
+/// Query settings for contacts within a tolerance (m).
 fn query_settings(
     tolerance: f64,
     error: f64,

@@ -1,6 +1,7 @@
 //! Snapshots of the contacts for a window or a host's debug view, while the session runs.
 //!
-//! They go through a triple buffer, where the latest wins: the contact loop neither waits for a monitor nor allocates for one.
+//! They go through a triple buffer, where the latest wins: the contact loop neither waits for a monitor nor
+//! allocates for one.
 
 use palpate_core::Clod;
 use palpate_core::glam::DVec3;
@@ -15,19 +16,19 @@ pub struct TouchingPatches {
     pub object: usize,
     /// The probe's patch: a node of its hierarchy, whose level says at which resolution it is felt.
     pub probe_node: u32,
-    /// The scene object's.
+    /// The scene object's patch: a node of its hierarchy.
     pub scene_node: u32,
-    /// How much of the contact counts, 0 to 1: the rest is made up by finer patches.
+    /// Weight of the contact, 0 to 1; finer patches have the rest.
     pub weight: f64,
 }
 
 /// Force on the probe of a cluster of contacts, or of a textured contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactForce {
-    /// Where on the probe's surface, m; world axes.
+    /// Point of the contact on the probe's surface, m; world axes.
     pub point: DVec3,
-    /// Unit normal of the contact, out of the probe; world axes. Of a textured contact, the direction in which the depth
-    /// grows fastest as the probe shifts.
+    /// Unit normal of the contact, out of the probe; world axes. For a textured contact, the direction in
+    /// which the depth grows fastest as the probe moves.
     pub normal: DVec3,
     /// Penalty force on the probe, N: k(δ + d) along −`normal`, without damping and friction; world axes.
     pub force: DVec3,
@@ -54,7 +55,7 @@ impl Default for ContactSnapshot {
 }
 
 impl ContactSnapshot {
-    /// Empties the snapshot, for the contacts at `time` (s).
+    /// Clears the snapshot for the contacts at `time` (s).
     fn clear(&mut self, time: f64) {
         self.time = time;
         self.patches.clear();
@@ -76,8 +77,8 @@ impl ContactSnapshot {
     }
 }
 
-/// The colour of a level, wherever touching patches are shown: from red, the full mesh, to blue, the coarsest that can be felt. Red,
-/// green, blue and opacity.
+/// Colour of a level's patches, from red for the full mesh to blue for the coarsest level that can be felt.
+/// Red, green, blue and opacity, 0 to 255.
 pub fn level_color(clod: &Clod, level: u32) -> [u8; 4] {
     let coarsest = clod.levels.iter().rposition(|level| !level.free).unwrap_or(0).max(1);
     let hue = 4.0 * (f64::from(level) / coarsest as f64).clamp(0.0, 1.0);
@@ -86,7 +87,8 @@ pub fn level_color(clod: &Clod, level: u32) -> [u8; 4] {
     [channel(0.0), channel(2.0), channel(4.0), 255]
 }
 
-/// Shows the contacts of a session in any thread. Made by [`HapticRenderer::contact_monitor`](crate::HapticRenderer::contact_monitor).
+/// Receives the contacts of a session in any thread. Made by
+/// [`HapticRenderer::contact_monitor`](crate::HapticRenderer::contact_monitor).
 #[derive(Debug)]
 pub struct ContactMonitor(triple_buffer::Output<ContactSnapshot>);
 
@@ -97,7 +99,8 @@ impl ContactMonitor {
     }
 }
 
-/// The contact loop's end: a buffer for each monitor. A snapshot is written to the first, and copied to the others.
+/// The contact loop's end, with a buffer for each monitor. A snapshot is written to the first and copied to
+/// the others.
 #[derive(Debug)]
 pub(crate) struct MonitorFeed {
     first: triple_buffer::Input<ContactSnapshot>,
@@ -124,7 +127,7 @@ impl MonitorFeed {
         snapshot
     }
 
-    /// The snapshot that was begun.
+    /// The snapshot that is being written.
     pub fn snapshot(&mut self) -> &mut ContactSnapshot {
         self.first.input_buffer_mut()
     }

@@ -1,5 +1,6 @@
-//! Representative contacts (`palpate-field`): few contacts at true geometry, each with the area that it stands for, found in the
-//! distance fields of objects. All that the facade asks of that crate is asked here.
+//! Representative contacts (`palpate-field`): few contacts at true geometry, each with the area of the
+//! surface that it represents, found in the distance fields of objects. The facade uses that crate only here
+//! and in `scene::field`.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,22 +13,22 @@ use crate::scene::field::{FIELD_REACH, field_options, find, new_query};
 pub use crate::scene::field::{Field, FieldError};
 use crate::scene::object::Object;
 
-/// EPS where none is asked for: what contacts may be off by, as a part of the probe's bounding radius.
-pub const USUAL_ERROR: f64 = 0.0005;
+/// Default error of contacts (EPS), as a fraction of the probe's bounding radius.
+pub const DEFAULT_ERROR: f64 = 0.0005;
 
-/// The finest EPS, as a part of the probe's bounding radius: fields are not as true as that.
+/// Smallest EPS, as a fraction of the probe's bounding radius: fields are not more accurate than that.
 pub const FINEST_ERROR: f64 = 0.0002;
 
-/// The coarsest EPS, as a part of the probe's bounding radius: fewer samples miss features.
+/// Largest EPS, as a fraction of the probe's bounding radius: fewer samples miss features.
 pub const COARSEST_ERROR: f64 = 0.01;
 
-/// The lattice constant that the field of an object has, about, m.
+/// Approximate lattice constant of an object's field, m.
 pub(crate) fn lattice(object: &Object, options: &FieldOptions) -> f64 {
     let area: f64 = object.triangles().map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum();
     options.lattice(area)
 }
 
-/// Whether contacts can be told to an error (EPS, m) on a probe.
+/// Checks that contacts can be found to within an error (EPS, m) on a probe.
 ///
 /// # Errors
 /// If the error is below [`FINEST_ERROR`] or above [`COARSEST_ERROR`] of the probe's bounding radius.
@@ -51,26 +52,27 @@ pub struct RepresentativeQuery {
     found: Vec<AreaContact>,
 }
 
-/// What a [`RepresentativeQuery`] found, and what it cost.
+/// Outcome and cost of a [`RepresentativeQuery`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RepresentativeOutcome {
-    /// Contacts found.
+    /// Number of contacts found.
     pub contacts: usize,
-    /// EPS reached, m: how far off the depths are that contacts push by ([`FieldOutcome::error`]).
+    /// EPS reached, m: the error of the depths that contacts push by ([`FieldOutcome::error`]).
     pub error: f64,
-    /// Whether there was time for all that was asked for.
+    /// `false` if the time limit stopped the query before it was finished.
     pub is_complete: bool,
-    /// Whether the objects are deeper in one another than their fields know, so that contacts push by less than their depth.
+    /// Whether the objects penetrate deeper than their fields reach, so that contacts push by less than their
+    /// depth.
     pub is_too_deep: bool,
-    /// Places of either surface that were asked for their distance from the other, four at a time.
+    /// Number of distances looked up at places of either surface, counting four places as one.
     pub asked: usize,
-    /// The deepest penetration, m; none where there is no contact. Negative where the surfaces are apart.
+    /// Largest penetration depth, m; negative where the surfaces are apart. `None` without contacts.
     pub deepest: Option<f64>,
 }
 
 impl RepresentativeQuery {
-    /// Of contacts within a tolerance (d, m), off by no more than an error (EPS, m), about. Makes the objects' fields, where they
-    /// have none yet.
+    /// Creates a query for contacts within a tolerance (d, m), to within about an error (EPS, m). Builds the
+    /// objects' fields where they are missing.
     ///
     /// # Errors
     /// If the error is out of range, or an object's surface is not closed.
@@ -83,7 +85,7 @@ impl RepresentativeQuery {
         Ok(Self { probe: own, scene: other, query, law: law(probe), settings, found: Vec::new() })
     }
 
-    /// The same with a limit to the time that a run takes: what there is no time for is left out, the finest first.
+    /// Limits the time of each run. Contacts that there is no time for are left out, the finest first.
     #[must_use]
     pub fn with_budget(mut self, budget: Option<Duration>) -> Self {
         self.settings.budget = budget;
@@ -106,32 +108,32 @@ impl RepresentativeQuery {
         }
     }
 
-    /// Forgets where the objects were: the next run begins anew.
+    /// Forgets the objects' poses: the next run starts from scratch.
     pub fn reset(&mut self) {
         self.query.reset();
     }
 
-    /// The contacts of the last run, in world axes. Some stand for no area: the deepest places, which push nothing.
+    /// The contacts of the last run, in world axes. Some have no area: the deepest places, which do not push.
     pub fn contacts(&self) -> &[AreaContact] {
         &self.found
     }
 
-    /// The wrench (N, N·m about the probe frame's origin, world axes) that the contacts of the last run, which was at this pose of
-    /// the probe, push it with at a stiffness (N/m), by [`AreaLaw`]. That of sessions is K k
-    /// ([`SearchSettings::clusters`](crate::settings::SearchSettings::clusters)).
+    /// The wrench (N, N·m about the probe frame's origin, world axes) of the last run's contacts on the probe
+    /// at a stiffness (N/m), by [`AreaLaw`]. The probe has to be at the pose of that run. Sessions use the
+    /// stiffness K k ([`SearchSettings::clusters`](crate::settings::SearchSettings::clusters)).
     pub fn wrench(&mut self, probe_pose: &Pose, stiffness: f64) -> Wrench {
         let Self { law, found, settings, .. } = self;
         let unit = law.wrench(found, settings.tolerance, probe_pose, probe_pose.translation);
         Wrench { force: unit.force * stiffness, torque: unit.torque * stiffness }
     }
 
-    /// Bytes of memory held, the fields included.
+    /// Memory held, including the fields, bytes.
     pub fn bytes(&self) -> usize {
         self.probe.bytes() + self.scene.bytes() + self.query.bytes()
     }
 }
 
-/// The law for contacts of a probe.
+/// The force law for contacts of a probe.
 pub(crate) fn law(probe: &Object) -> AreaLaw {
     let source = &probe.clod.source;
     AreaLaw::new(source.center, source.bounding_radius, FIELD_REACH)

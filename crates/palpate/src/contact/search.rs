@@ -1,22 +1,26 @@
-//! Which way a session finds its contacts: by levels of detail or as representatives.
+//! The choice between the two contact searches of a session: by levels of detail, or as representatives in
+//! distance fields.
 
 use std::fmt;
 
+use super::RESERVED;
 use super::by_fields::{ByFields, FieldNeeds};
 use crate::contact::representative::FieldError;
 use crate::scene::object::Object;
 use crate::settings::{ContactSearch, Settings};
 
-/// A part of an object's surface, by its area, that may bound thin walls: ends of edges sharper than 45° do.
-const THIN: f64 = 0.01;
+/// Largest fraction of an object's surface area that may bound thin walls; ends of edges sharper than 45° do.
+/// With more, fields confuse the two sides of walls.
+const MAX_THIN_SHARE: f64 = 0.01;
 
-/// The largest error of a field, in tolerances, that forces are still true with.
-const ROUGH: f64 = 0.25;
+/// Largest error of a field, in tolerances. With more, forces at light touch are wrong.
+const MAX_FIELD_ERROR: f64 = 0.25;
 
-/// The largest lattice constant of a field, in tolerances, that is worth making it.
-const COARSE: f64 = 1.5;
+/// Largest lattice constant of a field, in tolerances. With more, the field would not be accurate enough to
+/// be worth building.
+const MAX_LATTICE: f64 = 1.5;
 
-/// Why contacts are found by levels of detail.
+/// Reason why contacts are found by levels of detail.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum ByLevels {
     AskedFor,
@@ -25,14 +29,17 @@ pub(crate) enum ByLevels {
     Budget,
     Texture,
     NoField(FieldError),
+    /// An object has more than [`MAX_THIN_SHARE`] of its surface on thin walls.
     Thin {
         name: String,
         share: f64,
     },
+    /// A field's error, in tolerances, is above [`MAX_FIELD_ERROR`].
     Rough {
         name: String,
         error: f64,
     },
+    /// A field's lattice constant, in tolerances, is above [`MAX_LATTICE`].
     Coarse {
         name: String,
         lattice: f64,
@@ -50,7 +57,7 @@ impl fmt::Display for ByLevels {
             Self::Thin { name, share } => {
                 write!(
                     f,
-                    "{name}: {:.0} % of its surface bound walls thinner than the tolerance",
+                    "{name}: {:.0} % of its surface bounds walls thinner than the tolerance",
                     100.0 * share
                 )
             }
@@ -71,18 +78,18 @@ impl fmt::Display for ByLevels {
     }
 }
 
-/// What finds contacts in fields, or why levels do: for a probe and scene objects, each with its place and whether it is to have a
-/// workspace from the start.
+/// Chooses the contact search for a probe and the scene objects at their places: the search in fields, with
+/// workspaces for the first [`RESERVED`] objects, or the reason for levels.
 ///
 /// # Errors
-/// If the error of contacts that is asked for is out of range.
-pub(super) fn choose<'a>(
+/// If the contact error in the settings is out of range.
+pub(super) fn choose(
     probe: &Object,
-    objects: impl Iterator<Item = (usize, &'a Object, bool)> + Clone,
+    objects: &[Option<&Object>],
     tolerance: f64,
     settings: &Settings,
 ) -> Result<Result<Box<ByFields>, ByLevels>, FieldError> {
-    let all = || std::iter::once(probe).chain(objects.clone().map(|(_, object, _)| object));
+    let all = || std::iter::once(probe).chain(objects.iter().flatten().copied());
     let why = match settings.search.method {
         ContactSearch::Levels => Some(ByLevels::AskedFor),
         _ if all().any(|object| object.texture().is_some()) => Some(ByLevels::Texture),
@@ -100,25 +107,26 @@ pub(super) fn choose<'a>(
         return Ok(Err(why));
     }
     let mut fields = match ByFields::new(needs, probe, settings.search.clusters) {
-        // As good as is possible with it.
         Err(open) => return Ok(Err(ByLevels::NoField(open))),
         Ok(fields) => fields,
     };
-    for (place, object, reserved) in objects {
-        if let Err(open) = fields.insert(place, object, reserved) {
+    for (place, object) in objects.iter().enumerate() {
+        if let Some(object) = object
+            && let Err(open) = fields.insert(place, object, place < RESERVED)
+        {
             return Ok(Err(ByLevels::NoField(open)));
         }
     }
     Ok(Ok(Box::new(fields)))
 }
 
-/// Why contacts with an object are not found in its field, where nothing else is asked for.
+/// Returns why contacts with an object are not found in its field, if the search is chosen automatically.
 pub(super) fn unfit(needs: &FieldNeeds, object: &Object) -> Option<ByLevels> {
     if object.texture().is_some() {
         return Some(ByLevels::Texture);
     }
     let lattice = needs.lattice(object) / needs.tolerance();
-    if lattice > COARSE {
+    if lattice > MAX_LATTICE {
         return Some(ByLevels::Coarse { name: object.name.clone(), lattice });
     }
     let field = match needs.of(object) {
@@ -127,9 +135,9 @@ pub(super) fn unfit(needs: &FieldNeeds, object: &Object) -> Option<ByLevels> {
     };
     let name = object.name.clone();
     let (share, error) = (field.thin_share(), field.error() / needs.tolerance());
-    if share > THIN {
+    if share > MAX_THIN_SHARE {
         Some(ByLevels::Thin { name, share })
-    } else if error > ROUGH {
+    } else if error > MAX_FIELD_ERROR {
         Some(ByLevels::Rough { name, error })
     } else {
         None

@@ -1,4 +1,4 @@
-//! Snapshots of the patches that touch, for those who monitor the contacts.
+//! The touching patches in snapshots for contact monitors.
 
 use palpate_collide::PatchContact;
 use palpate_core::Pose;
@@ -9,8 +9,8 @@ use super::monitor::TouchingPatches;
 use super::proxy::ProxyContact;
 
 impl ContactLoop {
-    /// Begins to show what is seen at a time (s), with the patches that touch, of textured objects the coarse ones; those of
-    /// representatives where the deepest are.
+    /// Begins a snapshot at a time (s) with the patches that touch. For textured objects these are the coarse
+    /// patches, for contacts in fields the patches at the deepest contacts.
     pub(super) fn show_patches(&mut self, time: f64) {
         let is_by_fields = self.is_by_fields();
         let Some(monitored) = &mut self.monitored else { return };

@@ -1,14 +1,14 @@
-//! The patches that representative contacts lie in, for those who look on.
+//! The patches that representative contacts lie in, for contact monitors.
 
 use palpate_core::Clod;
 use palpate_core::glam::DVec3;
 
 use crate::contact::proxy::ProxyContact;
 
-/// So many of the deepest contacts are shown, at most.
-pub(super) const SHOWN: usize = 16;
+/// Largest number of contacts in a snapshot; the deepest are kept.
+const MAX_SHOWN: usize = 16;
 
-/// Finds patches. It keeps its memory.
+/// Search for the patches at contacts, with its workspace.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Patches {
     waiting: Vec<(u32, f64)>,
@@ -17,25 +17,26 @@ pub(super) struct Patches {
 
 impl Patches {
     pub fn new() -> Self {
-        Self { waiting: Vec::with_capacity(1024), deepest: Vec::with_capacity(SHOWN + 1) }
+        Self { waiting: Vec::with_capacity(1024), deepest: Vec::with_capacity(MAX_SHOWN + 1) }
     }
 
-    /// Keeps the deepest of contacts.
+    /// Keeps the deepest of the contacts, deepest first.
     pub fn choose<'a>(&mut self, contacts: impl Iterator<Item = &'a ProxyContact>) {
         self.deepest.clear();
         for found in contacts {
             let depth = found.contact.contact.depth;
             let at = self.deepest.partition_point(|other| other.contact.contact.depth >= depth);
-            if at < SHOWN {
+            if at < MAX_SHOWN {
                 self.deepest.insert(at, *found);
-                self.deepest.truncate(SHOWN);
+                self.deepest.truncate(MAX_SHOWN);
             }
         }
     }
 
-    /// The node whose patch of the full mesh is nearest to a point of its frame; none without triangles.
+    /// Returns the node whose patch of the full mesh is nearest to a point (m, mesh frame), by branch and
+    /// bound; none without triangles.
     pub fn leaf_at(&mut self, clod: &Clod, point: DVec3) -> Option<u32> {
-        // No point of what is below a node is nearer than this.
+        // Lower bound on the distance to any patch below a node.
         let bound = |node: u32| {
             let node = clod.node(node);
             (point.distance(node.center) - node.radius).max(0.0)
@@ -62,14 +63,14 @@ impl Patches {
             }
             let first = waiting.len();
             waiting.extend(node.children.clone().map(|child| (child, bound(child))));
-            // The nearest is next.
+            // The nearest child is popped first.
             waiting[first..].sort_unstable_by(|one, other| other.1.total_cmp(&one.1));
         }
         best.0
     }
 }
 
-/// From a triangle.
+/// Distance of a point from a triangle, m.
 fn distance(point: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
     let sides = [(a, b), (b, c), (c, a)];
     let normal = (b - a).cross(c - a).normalize_or_zero();
@@ -78,9 +79,9 @@ fn distance(point: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
         return (point - a).dot(normal).abs();
     }
     let to_side = |(from, to): (DVec3, DVec3)| {
-        let way = to - from;
-        let part = (point - from).dot(way) / way.length_squared().max(f64::MIN_POSITIVE);
-        point.distance(from + way * part.clamp(0.0, 1.0))
+        let side = to - from;
+        let part = (point - from).dot(side) / side.length_squared().max(f64::MIN_POSITIVE);
+        point.distance(from + side * part.clamp(0.0, 1.0))
     };
     sides.into_iter().map(to_side).fold(f64::INFINITY, f64::min)
 }
@@ -91,7 +92,7 @@ mod tests {
     use crate::scene::object::Object;
 
     #[test]
-    fn a_place_in_a_patch_is_of_that_patch() {
+    fn a_point_on_a_patch_finds_that_patch() {
         let clod = Object::model("golf-ball@2000").expect("a model").clod;
         let mut patches = Patches::new();
         for leaf in clod.leaves() {

@@ -1,4 +1,4 @@
-//! The gripper as a port of its own: readings held and jumps refused, the rate of its angle, and the torque sent to it.
+//! The gripper as a port of its own: its readings, the rate of its angle, and the torque sent to it.
 
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
@@ -14,25 +14,25 @@ use crate::telemetry::Events;
 /// The gripper while a session runs.
 #[derive(Clone, Debug)]
 pub(crate) struct Gripper {
-    /// It is tracked as a handle that turns about x by its angle.
+    /// Tracking of the gripper as a handle that turns about x by its angle.
     tracking: Tracking,
     /// The last good angle, rad.
     angle: f64,
-    /// N·m.
+    /// Peak torque, N·m.
     peak: f64,
     slew: SlewLimit,
-    /// N·m, as a torque about x.
+    /// The torque that the gripper holds, N·m, about x.
     sent: Wrench,
     observer: PassivityObserver,
 }
 
 impl Gripper {
-    /// At an angle (rad), its rate taken through a lag (s).
+    /// Makes a gripper at an angle (rad), whose rate has a lag (s), with a period of the loop (s).
     pub fn new(settings: &GripperSettings, port: &PortAxes, angle: f64, lag: f64, period: f64) -> Self {
         let peak = port.peak;
         let slew = settings.torque_slew.unwrap_or(if peak > 0.0 { peak / SLEW_TIME } else { f64::INFINITY });
         Self {
-            // Its own rate is not known: differences of its angle through a period at least.
+            // A gripper reports no rate: it is differentiated, with a lag of a period at least.
             tracking: Tracking::new(as_handle(angle), (lag.max(period), lag.max(period)), period),
             angle,
             peak,
@@ -42,8 +42,8 @@ impl Gripper {
         }
     }
 
-    /// Takes a reading (rad) that comes `elapsed` seconds after the one before, or counts why it was not taken. With the energy (J) that
-    /// flowed in since then.
+    /// Takes a reading (rad), `elapsed` seconds after the one before, or counts why it was refused. Also
+    /// returns the energy (J) that flowed in since then.
     pub fn take(&mut self, angle: f64, elapsed: f64, events: &mut Events) -> (Reading, f64) {
         let reading = self.tracking.take(Some(&as_handle(angle)), elapsed, events);
         if matches!(reading, Reading::Good | Reading::Back) {
@@ -52,12 +52,12 @@ impl Gripper {
         (reading, self.observer.observe(self.tracking.displacement().angular))
     }
 
-    /// Where it is taken to be.
+    /// The last good angle and its rate.
     pub fn motion(&self) -> GripperMotion {
         GripperMotion { angle: self.angle, rate: self.tracking.damped_state().twist.angular.x }
     }
 
-    /// What is sent of a wanted torque (N·m): within the peak, and no further from the last than it may change.
+    /// Sends a wanted torque (N·m) within the peak and the slew.
     pub fn send(&mut self, wanted: f64, at: &Moment, events: &mut Events) {
         let wanted = Wrench::new(DVec3::ZERO, DVec3::X * wanted);
         let fitting = saturate(&wanted, 0.0, self.peak);
@@ -68,7 +68,7 @@ impl Gripper {
         self.hold(sent);
     }
 
-    /// Lets go as fast as it may.
+    /// Lets the torque fall to zero as fast as allowed.
     pub fn release(&mut self, elapsed: f64) {
         self.hold(self.slew.unload(&self.sent, &Wrench::ZERO, elapsed, (0.0, 0.0)));
     }
@@ -78,7 +78,7 @@ impl Gripper {
         self.observer.hold(sent.torque);
     }
 
-    /// What is sent, N·m.
+    /// The torque that is sent, N·m.
     pub fn torque(&self) -> f64 {
         self.sent.torque.x
     }

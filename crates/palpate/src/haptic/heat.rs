@@ -1,21 +1,24 @@
-//! How warm a device's actuators are, and what they may be asked for.
+//! Thermal model of a device's actuators, and the limit that it sets to the wrench.
 
-/// How actuators warm up: the share of their warmth that windings have over the housing and the housing has over the room, each with
-/// its time constant, s. Typical of the small brushed motors of haptic devices, by their makers' data sheets; not of one device.
+/// Thermal model of actuators: share of the temperature rise of the windings over the housing, and of the
+/// housing over the room, each with its time constant, s. Typical of the small brushed motors of haptic
+/// devices by their makers' data sheets, not measured on one device.
 pub const WARMTH: [(f64, f64); 2] = [(0.2, 15.0), (0.8, 600.0)];
 
-/// From this warmth on the actuators get less than the peak: at 1, what they stand for long.
-const WARM: f64 = 0.5;
+/// Warmth above which the actuators get less than the peak. The limit falls to the continuous load at warmth
+/// 1; with a higher threshold it falls faster, which a hand feels.
+const DERATING_START: f64 = 0.5;
 
-/// How warm actuators are over the room, by what they were asked for: 0 where they are cold, and 1 where they are as warm as what they
-/// can keep up makes them in the end.
+/// Estimated temperature rise of actuators over the room: 0 when cold, 1 for the steady state at the
+/// continuous load.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Warmth([f64; 2]);
 
 impl Warmth {
     pub const COLD: Self = Self([0.0; 2]);
 
-    /// Passes some seconds under `load` times what can be kept up: τ ẇ = share load² − w for windings and housing.
+    /// Advances by some seconds under a load, in continuous loads: τ ẇ = share load² − w for windings and
+    /// housing.
     pub fn pass(&mut self, load: f64, seconds: f64) {
         for (warmth, (share, time)) in self.0.iter_mut().zip(WARMTH) {
             *warmth += (share * load * load - *warmth) * -(-seconds / time).exp_m1();
@@ -27,10 +30,10 @@ impl Warmth {
     }
 }
 
-/// What heat lets actuators do.
+/// Limit of actuators by their warmth.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Heat {
-    /// What can be kept up, N or N·m.
+    /// Continuous load, N or N·m.
     continuous: f64,
     peak: f64,
     warmth: Warmth,
@@ -41,21 +44,21 @@ impl Heat {
         Self { continuous, peak, warmth: Warmth::COLD }
     }
 
-    /// What the actuators may be asked for now, N or N·m.
+    /// Largest load allowed now, N or N·m.
     pub fn allowed(&self) -> f64 {
         if !is_limited(self.continuous, self.peak) {
             return self.peak;
         }
-        let room = ((1.0 - self.warmth.total()) / (1.0 - WARM)).clamp(0.0, 1.0);
+        let room = ((1.0 - self.warmth.total()) / (1.0 - DERATING_START)).clamp(0.0, 1.0);
         self.continuous + (self.peak - self.continuous) * room
     }
 
     /// Whether the actuators get less than the peak.
     pub fn is_hot(&self) -> bool {
-        self.warmth.total() > WARM
+        self.warmth.total() > DERATING_START
     }
 
-    /// Passes `seconds` of something held, N or N·m.
+    /// Advances by some seconds with a load `held`, N or N·m.
     pub fn pass(&mut self, held: f64, seconds: f64) {
         if is_limited(self.continuous, self.peak) {
             self.warmth.pass(held / self.continuous, seconds);
@@ -63,7 +66,8 @@ impl Heat {
     }
 }
 
-/// Whether what can be kept up (N, N·m) is known, and less than the peak. A driver that says nothing of it says 0.
+/// Whether the continuous load (N, N·m) is known and less than the peak. A driver that does not know it
+/// reports 0.
 pub(crate) fn is_limited(continuous: f64, peak: f64) -> bool {
     continuous > 0.0 && continuous < peak && peak.is_finite()
 }

@@ -1,7 +1,8 @@
-//! What the engine promises of every wrench that it writes, checked at every write by figures of its own.
+//! The invariants of every wrench that the engine writes, checked independently at every write.
 //!
-//! The checks know nothing of how the wrench came about: only what was written before, when, and where the handle went. The page
-//! "What the engine promises to your hand" (docs/promises.md) states each with its number.
+//! The checks do not depend on how the wrench was computed: they use only the writes before, their times, and
+//! the handle's motion. The page "What the engine promises to your hand" (docs/promises.md) states each
+//! invariant with its number.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -15,51 +16,55 @@ use serde::Serialize;
 use crate::haptic::heat::{Warmth, is_limited};
 use crate::haptic::presence::smooth;
 
-/// A wrench of less than this part of the peak drives no handle off.
+/// Fraction of the peak below which a wrench cannot drive a handle away from a hand.
 pub(crate) const HARMLESS_SHARE: f64 = 0.1;
 
-/// Time after a fault by which nothing is sent any more, s.
+/// Time after a fault within which the wrench falls to zero, s.
 pub const FAULT_TIME: f64 = 0.05;
 
-/// Most energy that may come out beyond what was stored, as a way (m) and a turn (rad) under the device's peaks: together 61 mJ for
-/// 8.5 N and 0.19 N·m.
+/// Largest energy that may come out beyond the stored one, as a distance (m) and an angle (rad) moved under
+/// the device's peaks: together 61 mJ for 8.5 N and 0.19 N·m.
 pub const ENERGY_BOUND: (f64, f64) = (5e-3, 0.1);
 
-/// Speed of the handle along the wrench, m/s and rad/s, from which a wrench above a tenth of the peak is let go of.
+/// Speed of the handle along the wrench, m/s and rad/s, above which a wrench of more than a tenth of the peak
+/// is dropped.
 pub const RUNAWAY_SPEED: (f64, f64) = (0.8, 20.0);
 
-/// How far rounding on three axes reaches, in steps.
+/// Largest rounding of a displacement by encoders on three axes, in encoder steps: √3.
 const DIAGONAL: f64 = 1.732_050_807_568_877_2;
 
-/// By how much a figure may be above its bound for rounding.
+/// Relative amount by which a value may exceed its bound due to rounding.
 const ROUNDING: f64 = 1e-6;
 
-/// Something that holds of every wrench that is written.
+/// Property of every wrench that is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Invariant {
-    /// It is finite.
+    /// The wrench is finite.
     Finite,
-    /// It is within the device's peaks, and zero along axes that are not driven.
+    /// The wrench is within the device's peaks, and zero along axes that are not driven.
     Peak,
-    /// It grows and turns no faster than the slew allows. It may shrink along itself.
+    /// The wrench grows and turns no faster than the slew allows. It may shrink along its direction.
     Slew,
-    /// It is zero [`FAULT_TIME`] after a fault was found, and while it lasts: the device lost or its readings bad, a step without a
-    /// finite solution, the newest contact model older than the [timeout](crate::settings::TimingSettings::contact_timeout).
+    /// The wrench is zero [`FAULT_TIME`] after a fault was detected, and while it lasts. Faults are a lost
+    /// device or bad readings, a step without a finite solution, and a newest contact model older than the
+    /// [timeout](crate::settings::TimingSettings::contact_timeout).
     Fault,
-    /// After the start, and after the device or the step has failed, it comes up along the engagement.
+    /// After the start, and after a failure of the device or the step, the wrench comes up along the
+    /// engagement.
     Engagement,
-    /// Since it was last zero, no more energy has come out of it beyond what went in than was stored at any time, but for
-    /// [`ENERGY_BOUND`]. Of devices that sense axes which they do not drive nothing is checked: what a hand does along those is felt
-    /// along the others, as when it turns a tool that is a lever.
+    /// Since the wrench was last zero, the energy that came out minus the energy that went in is at most the
+    /// largest stored energy plus [`ENERGY_BOUND`]. It is not checked for devices that sense axes which they
+    /// do not drive: a hand's work along those comes out along the others, as with a tool that is turned as a
+    /// lever.
     Energy,
-    /// It leaves actuators no warmer than what they can keep up does.
+    /// The actuators get no warmer than at their continuous load.
     Heat,
-    /// A handle that runs along it faster than [`RUNAWAY_SPEED`] is let go of.
+    /// A wrench is dropped if the handle runs along it faster than [`RUNAWAY_SPEED`].
     Runaway,
 }
 
 impl Invariant {
-    /// All of them.
+    /// All invariants.
     pub const ALL: [Self; 8] = [
         Self::Finite,
         Self::Peak,
@@ -71,7 +76,7 @@ impl Invariant {
         Self::Runaway,
     ];
 
-    /// Its name in summaries.
+    /// Name of the invariant in summaries.
     pub fn name(self) -> &'static str {
         match self {
             Self::Finite => "finite",
@@ -86,32 +91,34 @@ impl Invariant {
     }
 }
 
-/// What was found of one invariant.
+/// Record of the checks of one invariant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Kept {
-    /// Writes in which it was broken.
+pub struct InvariantRecord {
+    /// Number of writes that broke the invariant.
     pub broken: u64,
-    /// The largest part of its bound that was reached: more than 1 where it was broken.
+    /// Largest value that was reached, as a fraction of the bound; more than 1 if the invariant was broken.
     pub worst: f64,
 }
 
-/// What the invariants are checked against.
+/// Bounds that wrenches are checked against.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
-    /// N, N·m.
+    /// Peak force (N) and torque (N·m).
     peak: (f64, f64),
+    /// Continuous force (N) and torque (N·m).
     continuous: (f64, f64),
     actuated: Axes,
-    /// Of the encoders, m and rad.
+    /// Steps of the encoders, m and rad.
     steps: (f64, f64),
-    /// J: infinite where energy is not checked.
+    /// Energy bound, J; infinite if energy is not checked.
     energy: f64,
     slew: SlewLimit,
-    /// s.
+    /// Engagement time, s.
     engagement: f64,
 }
 
-/// The [energy bound](ENERGY_BOUND) of a device, J: infinite for one that does not drive all axes that it senses.
+/// The [energy bound](ENERGY_BOUND) of a device, J; infinite for one that does not drive all axes that it
+/// senses.
 pub(crate) fn energy_bound(specification: &Specification) -> f64 {
     let Specification { sensed, actuated, peak_force, peak_torque, .. } = specification;
     let felt = |sensed: [bool; 3], driven: [bool; 3], peak: f64| {
@@ -136,40 +143,44 @@ impl Bounds {
     }
 }
 
-/// A write, with what is known at the time.
+/// A write, with the state of the loop at its time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Write {
-    /// Device axes, about the handle's origin.
+    /// The wrench, in device axes, about the handle's origin.
     pub wrench: Wrench,
-    /// What the loop integrates in this step, and the time since the last write, s.
+    /// Time that is integrated in this step, s.
     pub dt: f64,
+    /// Time since the last write, s.
     pub elapsed: f64,
-    /// What the handle has moved by since the last write, m and rad.
+    /// Displacement of the handle since the last write, m and rad.
     pub displacement: Twist,
-    /// Whether the device or the step has failed, how long contact models have been overdue (s, negative before), and whether the
-    /// wrench has to come up from nothing after a failure.
+    /// Whether the device or the step has failed.
     pub faulty: bool,
+    /// Time since contact models are overdue, s; negative if they are not.
     pub overdue: f64,
+    /// Whether the wrench starts to come up from zero after a failure.
     pub released: bool,
-    /// Most that what is rendered may give back, J.
+    /// Largest energy that the rendered springs can give back, J.
     pub stored: f64,
 }
 
-/// Checks each wrench that is written.
+/// Checks of every wrench that is written.
 #[derive(Clone, Debug)]
 pub struct Invariants {
     bounds: Bounds,
     last: Wrench,
-    /// Time since the first write that knew of a failure, while it lasts; for which contact models have been known to be overdue; and since
-    /// the wrench was to come up from nothing, s.
+    /// Time since the first write with a failure, while it lasts, s.
     faulty: Option<f64>,
+    /// Time since contact models were first reported as overdue, while they are, s.
     overdue: Option<f64>,
+    /// Time since the wrench started to come up from zero, s.
     up: f64,
-    /// Energy that may come out, J; negative for what came out beyond what went in; and the most that was stored meanwhile.
+    /// Energy that may come out, J; negative for energy that came out beyond what went in.
     reserve: f64,
-    most_stored: f64,
+    /// Largest stored energy since the wrench was last zero, J.
+    max_stored: f64,
     warmth: [Warmth; 2],
-    kept: [Kept; Invariant::ALL.len()],
+    records: [InvariantRecord; Invariant::ALL.len()],
 }
 
 impl Invariants {
@@ -181,9 +192,9 @@ impl Invariants {
             overdue: None,
             up: 0.0,
             reserve: 0.0,
-            most_stored: 0.0,
+            max_stored: 0.0,
             warmth: [Warmth::COLD; 2],
-            kept: [Kept::default(); Invariant::ALL.len()],
+            records: [InvariantRecord::default(); Invariant::ALL.len()],
         }
     }
 
@@ -191,26 +202,27 @@ impl Invariants {
         self.bounds.slew = slew;
     }
 
-    /// The device holds nothing, whatever was written last.
+    /// Takes the device's wrench to be zero, whatever was written last.
     pub(crate) fn forget(&mut self) {
         (self.last, self.up) = (Wrench::ZERO, 0.0);
     }
 
-    /// What was found of one of them.
-    pub fn kept(&self, invariant: Invariant) -> Kept {
-        self.kept[invariant as usize]
+    /// The record of one invariant.
+    pub fn record(&self, invariant: Invariant) -> InvariantRecord {
+        self.records[invariant as usize]
     }
 
-    /// Writes in which one was broken, of all of them.
+    /// Sum of the numbers of writes that broke each invariant.
     pub fn broken(&self) -> u64 {
-        self.kept.iter().map(|kept| kept.broken).sum()
+        self.records.iter().map(|record| record.broken).sum()
     }
 
-    /// What was found of each, by name.
-    pub fn summary(&self) -> BTreeMap<&'static str, Kept> {
-        Invariant::ALL.into_iter().map(|invariant| (invariant.name(), self.kept(invariant))).collect()
+    /// The records of all invariants, by name.
+    pub fn summary(&self) -> BTreeMap<&'static str, InvariantRecord> {
+        Invariant::ALL.into_iter().map(|invariant| (invariant.name(), self.record(invariant))).collect()
     }
 
+    /// Checks a write: each invariant's value as a fraction of its bound.
     pub(crate) fn check(&mut self, write: &Write) {
         let Write { wrench, dt, elapsed, .. } = *write;
         let parts = [(wrench.force, self.last.force), (wrench.torque, self.last.torque)];
@@ -221,11 +233,11 @@ impl Invariants {
         let slewed = parts.iter().zip(rates).map(|(&(now, last), rate)| grown(now, last) / (rate * elapsed));
         self.note(Invariant::Slew, slewed.filter(|part| !part.is_nan()).fold(0.0, f64::max));
 
-        // What the first write after a fault sends was the first to know of it.
+        // Times count from the first write that reports a fault.
         let since =
-            |is_there: bool, known: Option<f64>| is_there.then(|| known.map_or(0.0, |known| known + elapsed));
+            |lasts: bool, known: Option<f64>| lasts.then(|| known.map_or(0.0, |known| known + elapsed));
         self.faulty = since(write.faulty, self.faulty);
-        // Models may be of long ago when they come: that is known from then on.
+        // A model may already be long overdue when it arrives; before, that could not be detected.
         let overdue = since(write.overdue > 0.0, self.overdue);
         self.overdue = overdue.map(|known| known.min(write.overdue));
         let faulty = self.faulty.unwrap_or(0.0).max(self.overdue.unwrap_or(0.0));
@@ -244,7 +256,10 @@ impl Invariants {
         self.last = wrench;
     }
 
-    /// What the last wrench has done by now: energy, heat, and a handle that runs off.
+    /// Checks the effects of the last wrench up to now: energy, heat and a handle that runs away.
+    ///
+    /// The reserve changes by minus the work of the wrench and is at most the stored energy; then −reserve is
+    /// the energy created.
     fn note_power(&mut self, write: &Write) {
         let Write { wrench, elapsed, displacement, stored, .. } = *write;
         let Bounds { peak, continuous, energy, .. } = self.bounds;
@@ -252,11 +267,11 @@ impl Invariants {
         let work = charged((last.force, wrench.force), displacement.linear, self.bounds.steps.0)
             + charged((last.torque, wrench.torque), displacement.angular, self.bounds.steps.1);
         self.reserve = (self.reserve - work).min(stored.max(0.0));
-        self.most_stored = self.most_stored.max(stored);
+        self.max_stored = self.max_stored.max(stored);
         if last == Wrench::ZERO {
-            (self.reserve, self.most_stored) = (0.0, stored);
+            (self.reserve, self.max_stored) = (0.0, stored);
         }
-        let created = -self.reserve - self.most_stored;
+        let created = -self.reserve - self.max_stored;
         self.note(Invariant::Energy, if wrench == Wrench::ZERO { 0.0 } else { part_of(created, energy) });
 
         let limited = [(continuous.0, peak.0), (continuous.1, peak.1)];
@@ -278,28 +293,30 @@ impl Invariants {
         self.note(Invariant::Runaway, (linear / RUNAWAY_SPEED.0).max(angular / RUNAWAY_SPEED.1));
     }
 
+    /// The largest part of a wrench as a fraction of its peak; infinite if it has a part on an axis that is
+    /// not driven.
     fn of_peak(&self, wrench: &Wrench) -> f64 {
         let Bounds { peak, actuated, .. } = self.bounds;
-        let beside = DVec3::select(actuated.translation.into(), DVec3::ZERO, wrench.force) != DVec3::ZERO
+        let undriven = DVec3::select(actuated.translation.into(), DVec3::ZERO, wrench.force) != DVec3::ZERO
             || DVec3::select(actuated.rotation.into(), DVec3::ZERO, wrench.torque) != DVec3::ZERO;
-        if beside {
+        if undriven {
             return f64::INFINITY;
         }
         part_of(wrench.force.length(), peak.0).max(part_of(wrench.torque.length(), peak.1))
     }
 
+    /// Records a value as a fraction of the invariant's bound; NaN counts as broken.
     fn note(&mut self, invariant: Invariant, part: f64) {
-        let kept = &mut self.kept[invariant as usize];
-        kept.worst = kept.worst.max(part);
-        // A part that is no number is of something broken.
-        kept.broken += u64::from(part.is_nan() || part > 1.0 + ROUNDING);
+        let record = &mut self.records[invariant as usize];
+        record.worst = record.worst.max(part);
+        record.broken += u64::from(part.is_nan() || part > 1.0 + ROUNDING);
     }
 }
 
 impl fmt::Display for Invariants {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (index, invariant) in Invariant::ALL.into_iter().enumerate() {
-            let Kept { broken, worst } = self.kept(invariant);
+            let InvariantRecord { broken, worst } = self.record(invariant);
             let comma = if index > 0 { ", " } else { "" };
             write!(f, "{comma}{}: {worst:.3} of its bound", invariant.name())?;
             if broken > 0 {
@@ -310,25 +327,27 @@ impl fmt::Display for Invariants {
     }
 }
 
-/// How far a vector is from what the last one may have shrunk to along itself.
+/// Change of a vector apart from shrinking along itself: its distance from the segment between 0 and the last
+/// one.
 fn grown(now: DVec3, last: DVec3) -> f64 {
     let length = last.length_squared();
     let part = if length > 0.0 { (now.dot(last) / length).clamp(0.0, 1.0) } else { 0.0 };
     let grown = now.distance(last * part);
-    // What is left by rounding.
+    // Rounding is not growth.
     if grown <= ROUNDING * last.length() { 0.0 } else { grown }
 }
 
-/// The work of what was held before over what the handle moved by, J; over as much as may be one step of its encoders, of the mean of
-/// that and of what now answers it. Half of a step lies before where it is seen, so that a spring K would seem to give K Δ²/2 at each.
+/// Work of the force held before over the handle's displacement, J. Over as much of it as may be one encoder
+/// step, it is the work of the mean of the force before and the force now: the handle moved half of a step
+/// before the encoder saw it, so that a spring K would seem to give K Δ²/2 at each step Δ.
 fn charged((before, now): (DVec3, DVec3), moved: DVec3, step: f64) -> f64 {
     let work = before.dot(moved);
     if step > 0.0 { work + 0.5 * (now - before).dot(moved.clamp_length_max(DIAGONAL * step)) } else { work }
 }
 
-/// A figure as a part of its bound; nothing of a bound of 0 is nothing.
-fn part_of(figure: f64, bound: f64) -> f64 {
-    if figure <= 0.0 { 0.0 } else { figure / bound }
+/// A value as a fraction of its bound; 0 for a value of 0, even if the bound is 0.
+fn part_of(value: f64, bound: f64) -> f64 {
+    if value <= 0.0 { 0.0 } else { value / bound }
 }
 
 #[cfg(test)]
@@ -366,12 +385,12 @@ mod tests {
 
     fn broken_by(writes: impl IntoIterator<Item = Write>) -> Vec<&'static str> {
         let invariants = checked(writes);
-        let broken = |invariant: &Invariant| invariants.kept(*invariant).broken > 0;
+        let broken = |invariant: &Invariant| invariants.record(*invariant).broken > 0;
         Invariant::ALL.into_iter().filter(broken).map(Invariant::name).collect()
     }
 
-    /// A spring that is felt in the steps of an encoder seems to give K Δ²/2 at each, on the way out and back; it gives nothing. What
-    /// a spring gives that pulls harder on the way back is given for all that.
+    /// A spring that is felt through the steps Δ of an encoder seems to give K Δ²/2 at each, but gives
+    /// nothing. A spring that pulls harder on the way back does give energy.
     #[test]
     fn steps_of_an_encoder_create_no_energy() {
         let (stiffness, encoder_step) = (400.0, 1e-3);
@@ -391,16 +410,16 @@ mod tests {
                 invariants.check(&Write { displacement, stored, ..push(-stiffness * back * place) });
                 last = place;
             }
-            invariants.kept(Invariant::Energy)
+            invariants.record(Invariant::Energy)
         };
         let (passive, active) = (spring(1.0), spring(1.2));
         assert!(passive.broken == 0 && passive.worst < 0.2, "{passive:?}");
         assert!(active.broken > 0, "{active:?}");
     }
 
-    /// Each is broken by what breaks it, and by nothing else.
+    /// Each invariant is broken by writes just beyond its bound, and by no others.
     #[test]
-    fn each_is_broken_by_what_breaks_it() {
+    fn each_invariant_is_broken_just_beyond_its_bound() {
         assert_eq!(broken_by(up_to(1.2)), Vec::<&str>::new());
         let then = |writes: Vec<Write>| broken_by(up_to(1.2).chain(writes));
         assert_eq!(then(vec![push(f64::NAN)]), ["finite", "peak", "engagement"][..1], "not a number");
@@ -413,15 +432,19 @@ mod tests {
         assert_eq!(then(vec![faulty; 51]), [""; 0]);
         assert_eq!(then(vec![faulty; 52]), ["fault"]);
         let late = Write { elapsed: 0.06, ..faulty };
-        assert_eq!(then(vec![late]), [""; 0], "it is the first that knows");
+        assert_eq!(then(vec![late]), [""; 0], "the first write that reports it");
         assert_eq!(then(vec![late; 2]), ["fault"]);
         let overdue = |overdue, times| then(vec![Write { overdue, ..push(1.2) }; times]);
         assert_eq!((overdue(0.05, 60), overdue(0.051, 52)), (vec![], vec!["fault"]));
-        assert_eq!((overdue(7.0, 51), overdue(7.0, 52)), (vec![], vec!["fault"]), "of long ago as they come");
+        assert_eq!(
+            (overdue(7.0, 51), overdue(7.0, 52)),
+            (vec![], vec!["fault"]),
+            "long overdue when it arrives"
+        );
         let late = |overdue| Write { overdue, ..push(1.2) };
         let [late, old] = [0.01, 7.0].map(late);
         let than = |old_ones| then([vec![late; 200], vec![old; old_ones]].concat());
-        assert_eq!((than(40), than(41)), (vec![], vec!["fault"]), "of long ago, after such as were late");
+        assert_eq!((than(40), than(41)), (vec![], vec!["fault"]), "long overdue, after slightly late ones");
         let released = Write { faulty: true, released: true, ..push(0.0) };
         assert_eq!(then(vec![released, push(0.3)]), ["engagement"]);
         assert_eq!(then(vec![released, push(5e-4)]), [""; 0]);
@@ -431,10 +454,10 @@ mod tests {
         let stored = Write { stored: 0.01, ..giving };
         assert_eq!(then(vec![stored; 110]), [""; 0], "66 mJ of 61 mJ and 10 mJ");
         let long = |force: f64| vec![Write { elapsed: 1.0, ..push(force) }; 6000];
-        assert_eq!(then(long(1.45)), ["heat"], "1.4 N can be kept up");
+        assert_eq!(then(long(1.45)), ["heat"], "1.4 N is the continuous force");
         assert_eq!(then(long(1.39)), [""; 0]);
         let running = Write { displacement: Twist::new(DVec3::Z * 9e-4, DVec3::ZERO), ..push(1.2) };
         assert_eq!(then(vec![running]), ["runaway"]);
-        assert_eq!(then(vec![Write { wrench: Wrench::ZERO, ..running }]), [""; 0], "let go of at once");
+        assert_eq!(then(vec![Write { wrench: Wrench::ZERO, ..running }]), [""; 0], "dropped at once");
     }
 }

@@ -187,13 +187,13 @@ impl<T: Tool> HapticLoop<T> {
     }
 
     /// Puts a newer contact model of a body into use: [gradually](ContactBlend), over the time between the last two models, at most
-    /// [`ContactBlend::LONGEST`].
+    /// [`ContactBlend::MAX_DURATION`].
     pub(crate) fn take_model(&mut self, body: usize, update: &ContactUpdate) {
         let state = self.tool.body_state(body);
         let Some(BodyContacts { blend, found, .. }) = self.bodies.get_mut(body) else { return };
         let &ContactUpdate { ref model, time, depth, contacts } = update;
         let since = time - found.time;
-        let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::LONGEST) };
+        let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::MAX_DURATION) };
         blend.arrive(model, &state, self.now - time, duration);
         *found = ModelData { time, pose: *model.pose(), depth, contacts };
         let contacts = self.contacts();

@@ -1,5 +1,5 @@
-//! What goes out to the device of the wrench that is wanted: within what its actuators stand, no faster than may be, and nothing
-//! where it would hurt. It is the last stage before the driver, and the same for every kind of tool.
+//! The output stage, the last before the driver: it limits the wanted wrench to the device's peaks and heat,
+//! limits its rate, and drops it where it would harm. It is the same for every kind of tool.
 
 use palpate_core::Wrench;
 use palpate_core::glam::DVec3;
@@ -13,24 +13,25 @@ use crate::scene::placement::renders;
 use crate::settings::SLEW_TIME;
 use crate::telemetry::Events;
 
-/// Periods that a wrench may grow over in one write, however late that is.
-const MOST_GROWTH: f64 = 2.0;
+/// Largest time, in periods, that a wrench grows over in one write. With more, a late write steps the force.
+const MAX_GROWTH_PERIODS: f64 = 2.0;
 
-/// Below this part of the peak a wrench shrinks as fast as is wanted.
+/// Fraction of the peak below which a wrench may shrink at once. With more, the hand feels the step.
 const FREE_SHARE: f64 = 0.2;
 
-/// Part of the [energy bound](ENERGY_BOUND) at which the wrench is let go of.
+/// Fraction of the [energy bound](super::invariants::ENERGY_BOUND) at which the wrench is dropped. With more,
+/// the energy of the time until it has fallen exceeds the bound.
 const ENERGY_SHARE: f64 = 0.5;
 
-/// What the device can render.
+/// Limits of what the device can render.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Limits {
-    /// N.
+    /// Peak force, N.
     pub force: f64,
-    /// N·m.
+    /// Peak torque, N·m.
     pub torque: f64,
     pub actuated: Axes,
-    /// Whether anything reaches the hand.
+    /// Whether the device renders any force or torque.
     pub renders: bool,
 }
 
@@ -41,7 +42,8 @@ impl Limits {
         Self { force: peak_force, torque: peak_torque, actuated, renders }
     }
 
-    /// The wrench as far as the device can render it now, and whether its actuators are too weak for it.
+    /// Returns the part of a wrench on the actuated axes, limited to a force (N) and a torque (N·m), and
+    /// whether it was limited.
     fn fit(&self, wanted: &Wrench, (force_limit, torque_limit): (f64, f64)) -> (Wrench, bool) {
         let force = DVec3::select(self.actuated.translation.into(), wanted.force, DVec3::ZERO);
         let torque = DVec3::select(self.actuated.rotation.into(), wanted.torque, DVec3::ZERO);
@@ -51,21 +53,21 @@ impl Limits {
     }
 }
 
-/// The way out to the device.
+/// The output stage.
 #[derive(Clone, Debug)]
 pub(crate) struct Output {
     limits: Limits,
     slew: SlewLimit,
-    /// How fast the wrench may shrink: no slower than the peak in 10 ms, whatever the slew.
+    /// Rate at which the wrench may shrink: at least the peak in 10 ms, whatever the slew.
     falling: SlewLimit,
     heat: [Heat; 2],
     pub passivity: PassivityController,
-    /// The same account, begun anew where nothing is held: by it the wrench is let go of.
+    /// Energy account since the wrench was last zero, by which the wrench is dropped.
     account: PassivityController,
-    /// Energy that may come out beyond what was stored before the wrench is let go of, and the most that was stored since it was
-    /// last zero, J.
-    most_created: f64,
-    most_stored: f64,
+    /// Energy beyond the stored one that may come out before the wrench is dropped, J.
+    max_created: f64,
+    /// Largest energy that was stored since the wrench was last zero, J.
+    max_stored: f64,
     /// Period of the loop, s.
     period: f64,
     /// The wrench that the device holds, as far as known.
@@ -73,20 +75,22 @@ pub(crate) struct Output {
     invariants: Invariants,
 }
 
-/// What else is known when a wrench goes out.
+/// State of the loop at a write.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Moment {
-    /// What is integrated in this step, and the time since the last, s.
+    /// Time that is integrated in this step, s.
     pub dt: f64,
+    /// Time since the last write, s.
     pub elapsed: f64,
     /// Share of the wrench that is sent, 0 to 1.
     pub share: f64,
-    /// Whether something has failed, so that nothing is to be sent; how long contact models have been overdue, s, negative if they
-    /// are not; and whether the wrench comes up from nothing.
+    /// Whether the device or the step has failed, so that nothing is sent.
     pub faulty: bool,
+    /// Time since contact models are overdue, s; negative if they are not.
     pub overdue: f64,
+    /// Whether the wrench starts to come up from zero.
     pub released: bool,
-    /// Most that what is rendered may give back, J at the device.
+    /// Largest energy that the rendered springs can give back, J at the device.
     pub stored: f64,
 }
 
@@ -109,8 +113,8 @@ impl Output {
             heat: [Heat::new(continuous_force, peak_force), Heat::new(continuous_torque, peak_torque)],
             passivity: PassivityController::new(max_damping, steps),
             account: PassivityController::new((0.0, 0.0), steps),
-            most_created: ENERGY_SHARE * energy_bound(specification),
-            most_stored: 0.0,
+            max_created: ENERGY_SHARE * energy_bound(specification),
+            max_stored: 0.0,
             period,
             sent: Wrench::ZERO,
             invariants: Invariants::new(bounds),
@@ -119,7 +123,7 @@ impl Output {
         output
     }
 
-    /// Changes how fast the wrench may change.
+    /// Sets the limit of the wrench's rate of change.
     pub fn set_slew(&mut self, slew: SlewLimit) {
         let faster = |slew: f64, peak: f64| if peak > 0.0 { slew.max(peak / SLEW_TIME) } else { slew };
         self.slew = slew;
@@ -134,12 +138,12 @@ impl Output {
         &self.limits
     }
 
-    /// What was checked so far.
+    /// The checks of all writes so far.
     pub fn invariants(&self) -> &Invariants {
         &self.invariants
     }
 
-    /// The device holds nothing: it was lost, or its driver has taken back what it was asked for.
+    /// Takes the device's wrench to be zero: it was lost, or its driver has sent zero itself.
     pub fn forget(&mut self) {
         self.sent = Wrench::ZERO;
         self.passivity.hold(&Wrench::ZERO);
@@ -147,22 +151,24 @@ impl Output {
         self.invariants.forget();
     }
 
-    /// Counts the energy that flowed with the handle's motion since the last write. `stored` is the most (J) that may come back.
+    /// Accounts for the energy of the handle's motion since the last write. `stored` is the largest energy
+    /// (J) that may come back.
     pub fn observe(&mut self, tracking: &Tracking, stored: f64) {
         self.passivity.observe(tracking.displacement(), stored);
         self.account.observe(tracking.displacement(), stored);
     }
 
-    /// Takes energy (J) that flowed in at another port, before [`Self::observe`].
+    /// Accounts for energy (J) that flowed in at another port; called before [`Self::observe`].
     pub fn exchange(&mut self, energy: f64) {
         self.passivity.exchange(energy);
         self.account.exchange(energy);
     }
 
-    /// Whether what the device has held for the time that has `elapsed` (s) must be let go of at once: the handle runs along it
-    /// faster than a hand would let it, or it has given more energy than it may with what is `stored` (J).
+    /// Whether the wrench that the device has held for the time `elapsed` (s) must be dropped at once: the
+    /// handle runs along it faster than a hand would let it, or it gave more energy than allowed with
+    /// `stored` (J).
     ///
-    /// To be asked after [`Self::observe`].
+    /// Called after [`Self::observe`].
     pub fn is_harmful(
         &mut self,
         tracking: &Tracking,
@@ -177,12 +183,12 @@ impl Output {
         };
         let runaway = runs(self.sent.force, peaks.0, displacement.linear, RUNAWAY_SPEED.0)
             || runs(self.sent.torque, peaks.1, displacement.angular, RUNAWAY_SPEED.1);
-        self.most_stored = self.most_stored.max(stored);
+        self.max_stored = self.max_stored.max(stored);
         if self.sent == Wrench::ZERO {
-            self.most_stored = stored;
+            self.max_stored = stored;
             self.account.restart();
         }
-        let created = self.account.created() > self.most_created + self.most_stored;
+        let created = self.account.created() > self.max_created + self.max_stored;
         events.runaway += u64::from(runaway);
         events.energy_created += u64::from(created);
         if created {
@@ -191,7 +197,9 @@ impl Output {
         runaway || created
     }
 
-    /// Sends as much of a wanted wrench (device axes) as may be.
+    /// Sends a wanted wrench (device axes) with the controller's damping, within all limits: first the share,
+    /// heat and peak limit its size, then it shrinks towards the result as fast as allowed, then it grows and
+    /// turns within the slew.
     pub fn send(&mut self, wanted: &Wrench, tracking: &Tracking, at: &Moment, events: &mut Events) -> Wrench {
         let damping = self.passivity.damping(&tracking.damped_state().twist, at.dt);
         let [force, torque] = self.heat.map(|heat| heat.allowed());
@@ -199,7 +207,7 @@ impl Output {
         let (fitting, limited) = self.limits.fit(&(*wanted * at.share + damping), limits);
         let free = (FREE_SHARE * self.limits.force, FREE_SHARE * self.limits.torque);
         let unloaded = self.falling.unload(&self.sent, &fitting, at.elapsed, free);
-        let sent = self.slew.approach(&unloaded, &fitting, at.dt.min(MOST_GROWTH * self.period));
+        let sent = self.slew.approach(&unloaded, &fitting, at.dt.min(MAX_GROWTH_PERIODS * self.period));
         events.damped += u64::from(damping != Wrench::ZERO);
         events.saturated += u64::from(limited);
         events.hot += u64::from(self.heat.iter().any(|heat| heat.is_hot()));
@@ -207,19 +215,20 @@ impl Output {
         self.hold(sent, tracking, at)
     }
 
-    /// Lets the wrench fall as fast as it may: it is not wanted.
+    /// Lets the wrench fall to zero as fast as allowed.
     pub fn let_go(&mut self, tracking: &Tracking, at: &Moment) -> Wrench {
         let rest = self.passivity.rest();
         let sent = self.falling.unload(&self.sent, &rest, at.elapsed, (0.0, 0.0));
         self.hold(sent, tracking, at)
     }
 
-    /// Sends nothing, at once.
+    /// Drops the wrench to zero at once.
     pub fn drop(&mut self, tracking: &Tracking, at: &Moment) -> Wrench {
         let rest = self.passivity.rest();
         self.hold(rest, tracking, at)
     }
 
+    /// Checks a wrench and accounts for it as the one that the device holds from now on.
     fn hold(&mut self, sent: Wrench, tracking: &Tracking, at: &Moment) -> Wrench {
         self.invariants.check(&Write {
             wrench: sent,

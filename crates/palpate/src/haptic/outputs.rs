@@ -6,7 +6,7 @@ use palpate_core::{Pose, Twist};
 use palpate_device::DeviceError;
 use rtrb::Consumer;
 
-use super::reactions::Reacting;
+use super::reactions::ReactionFeed;
 use crate::settings::live::HapticTuning;
 
 /// Channels between the haptic loop and other threads. A clone has none of them.
@@ -15,7 +15,7 @@ pub(crate) struct Outputs {
     /// Gains that a settings editor sets.
     pub tunings: Option<Consumer<HapticTuning>>,
     /// Forces of contacts on the scene's objects.
-    pub reacting: Reacting,
+    pub reacting: ReactionFeed,
     /// Sessions that follow the first body.
     pub followers: Vec<triple_buffer::Input<(Pose, Twist)>>,
     /// The device's first error. Only the haptic loop sets it, so that it never waits.

@@ -1,5 +1,5 @@
-//! What contacts push the scene's objects with (§6.2.2): the reverse of what they push the grasped object with, added up over the
-//! steps of the haptic loop, so that what one gains the others lose.
+//! Reactions of contacts on the scene's objects (§6.2.2): the opposite of the contact wrenches on the grasped
+//! object, summed over the steps of the haptic loop, so that momentum is conserved.
 
 use std::num::NonZeroU32;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -11,11 +11,12 @@ use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::scene::SceneId;
 
-/// Reactions that may wait for the host: half a second of eight objects at 1 kHz. Those that find no room are added up.
-const WAITING: usize = 4096;
+/// Largest number of reactions that wait for the host: half a second of eight objects at 1 kHz. When the
+/// queue is full, they are summed until there is room.
+const MAX_WAITING: usize = 4096;
 
-/// Objects of which reactions are added up: as many as a contact model can have.
-const OBJECTS: usize = MAX_CONSTRAINTS;
+/// Largest number of objects whose reactions are summed: as many as a contact model can have.
+const MAX_OBJECTS: usize = MAX_CONSTRAINTS;
 
 /// An impulse on an object of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,50 +36,51 @@ impl Reaction {
     }
 }
 
-/// Takes what contacts push the scene's objects with, from any thread, for objects that have a
-/// [`DynamicBody`](crate::DynamicBody). Made by [`HapticRenderer::reactions`](crate::HapticRenderer::reactions).
+/// Queue of the impulses of contacts on the scene's objects that have a [`DynamicBody`](crate::DynamicBody),
+/// for any thread. Made by [`HapticRenderer::reactions`](crate::HapticRenderer::reactions).
 ///
-/// A clone takes from the same queue: each reaction goes to whoever takes it first.
+/// A clone takes from the same queue: each reaction goes to the one that takes it first.
 #[derive(Clone, Debug)]
 pub struct Reactions {
     waiting: Arc<Mutex<Consumer<Reaction>>>,
 }
 
 impl Reactions {
-    /// The next one that waits, the oldest first. Nothing is lost where they are taken late: what finds no room is added to what
-    /// comes later of the same object.
+    /// Takes the oldest reaction that waits. None is lost if they are taken late: one that finds the queue
+    /// full is added to later ones of the same object.
     pub fn take(&mut self) -> Option<Reaction> {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner).pop().ok()
     }
 }
 
-/// The haptic loop's end, where somebody takes them; nobody takes those of a clone.
+/// The haptic loop's end of the queue, which exists once it is opened. A clone is not connected.
 #[derive(Debug, Default)]
-pub(crate) struct Reacting {
+pub(crate) struct ReactionFeed {
     ring: Option<Producer<Reaction>>,
     /// The host's end.
     reactions: Option<Reactions>,
-    sums: ArrayVec<Reaction, OBJECTS>,
+    sums: ArrayVec<Reaction, MAX_OBJECTS>,
 }
 
-impl Clone for Reacting {
+impl Clone for ReactionFeed {
     fn clone(&self) -> Self {
         Self::default()
     }
 }
 
-impl Reacting {
-    /// Lets them be taken, from the next step on. Each call gives another handle to the same queue.
+impl ReactionFeed {
+    /// Opens the queue from the next step on. Each call returns another handle to the same queue.
     pub fn open(&mut self) -> Reactions {
         if let Some(reactions) = &self.reactions {
             return reactions.clone();
         }
-        let (ring, waiting) = RingBuffer::new(WAITING);
+        let (ring, waiting) = RingBuffer::new(MAX_WAITING);
         self.ring = Some(ring);
         self.reactions.insert(Reactions { waiting: Arc::new(Mutex::new(waiting)) }).clone()
     }
 
-    /// Adds what contacts ended a step of `dt` (s) with; how many found no room.
+    /// Adds the impulses of a step of `dt` (s), by the contact wrenches at its end: **F** dt and **T** dt.
+    /// Returns the number of objects for which there was no room.
     pub fn add(&mut self, contacts: &LinearContactModel, state: &BodyState, dt: f64) -> u64 {
         if self.ring.is_none() || !contacts.reacts() {
             return 0;
@@ -98,12 +100,13 @@ impl Reacting {
         lost
     }
 
-    /// Passes on what was added up, as far as there is room: in every step, so that what found none is not kept until the next contact.
+    /// Sends the sums, as far as there is room. Called in every step, so that no sum waits for the next
+    /// contact.
     pub fn pass_on(&mut self) {
         let Some(ring) = &mut self.ring else { return };
         while let Some(sum) = self.sums.pop() {
             if let Err(rtrb::PushError::Full(sum)) = ring.push(sum) {
-                // There was room for it.
+                // It was just popped, so there is room for it.
                 self.sums.push(sum);
                 break;
             }
@@ -111,7 +114,7 @@ impl Reacting {
     }
 }
 
-/// The object that contacts know by a number.
+/// The scene object of a contact's object number, which counts from 1.
 fn scene_id(object: NonZeroU32) -> SceneId {
     SceneId(object.get() as usize - 1)
 }
@@ -123,9 +126,9 @@ mod tests {
 
     use super::*;
 
-    /// Whether they are taken at once, late or never before the end, their sum is the same.
+    /// Taken in each step, late, or only at the end, reactions have the same sum.
     #[test]
-    fn what_is_taken_late_is_not_lost() {
+    fn reactions_taken_late_are_not_lost() {
         let contact = Contact { point: DVec3::X, scene_point: DVec3::X, normal: DVec3::NEG_Z, depth: 0.001 };
         let parameters =
             ContactParameters { stiffness: 1000.0, damping: 0.0, tolerance: 0.0, friction: Friction::NONE };
@@ -137,7 +140,7 @@ mod tests {
         let state = BodyState::at_rest(Pose::IDENTITY);
         let steps = 5000;
         for every in [1, 100, steps] {
-            let mut reacting = Reacting::default();
+            let mut reacting = ReactionFeed::default();
             let mut reactions = reacting.open();
             let mut sums = [DVec3::ZERO; 7];
             let mut take = || {
@@ -153,7 +156,7 @@ mod tests {
                     take();
                 }
             }
-            // What was added up goes with the next step, contact or not.
+            // The sums are sent with the next step, contact or not.
             reacting.pass_on();
             take();
             let wanted = DVec3::NEG_Z * (1e-3 * f64::from(steps));

@@ -1,4 +1,4 @@
-//! The haptic loop as a host sees it with each kind of tool.
+//! The public interface of the haptic loop for each kind of tool.
 
 use palpate_core::Pose;
 use palpate_device::DeviceState;
@@ -13,7 +13,7 @@ use crate::tool::hinged::{Hinged, ToolBody};
 use crate::tool::rigid::Rigid;
 
 impl HapticLoop<Rigid> {
-    /// The grasped object; the pose is that of its centre of mass, in the mesh's axes.
+    /// State of the grasped object; the pose is that of its centre of mass, in the mesh's axes.
     pub fn body_state(&self) -> &BodyState {
         &self.tool.state
     }
@@ -23,14 +23,14 @@ impl HapticLoop<Rigid> {
         self.tool.object_pose(0)
     }
 
-    /// Takes a newer contact model into use: [gradually](palpate_dynamics::ContactBlend), over as long as lies between the last two, but no
-    /// longer than [`LONGEST`](palpate_dynamics::ContactBlend::LONGEST).
+    /// [Blends](palpate_dynamics::ContactBlend) into a newer contact model, over the time between the last
+    /// two models, but no longer than [`MAX_DURATION`](palpate_dynamics::ContactBlend::MAX_DURATION).
     pub fn update_contacts(&mut self, update: &ContactUpdate) {
         self.take_model(0, update);
     }
 
-    /// One step of `dt` seconds up to time `now` (s) for a host that reads and writes its device itself. The wrench to
-    /// send is the record's [`coupling`](Record::coupling).
+    /// Takes one step of `dt` seconds up to time `now` (s), for a host that reads and writes its device
+    /// itself. The wrench to send is the record's [`coupling`](Record::coupling).
     pub fn step(&mut self, device: &DeviceState, now: f64, dt: f64) -> Record {
         self.advance(Some(device), None, now, dt).0
     }
@@ -42,7 +42,7 @@ impl HapticLoop<Hinged> {
         &self.tool.body
     }
 
-    /// Where the tool is and how it moves; the pose is that of the first body's centre of mass.
+    /// State of the tool; the pose is that of the first body's centre of mass.
     pub fn state(&self) -> &ArticulatedState {
         &self.tool.state
     }
@@ -57,18 +57,19 @@ impl HapticLoop<Hinged> {
         ToolBody::ALL.map(|body| self.tool.object_pose(body as usize))
     }
 
-    /// The coupling of gripper and hinge, in the world.
+    /// The coupling of gripper and hinge, in world units.
     pub fn grip(&self) -> &GripperCoupling {
         &self.tool.grip
     }
 
-    /// Takes a newer contact model of one body into use, as a loop of one body does.
+    /// Blends into a newer contact model of one body, as a loop of one body does.
     pub fn update_contacts(&mut self, body: ToolBody, update: &ContactUpdate) {
         self.take_model(body as usize, update);
     }
 
-    /// One step of `dt` seconds up to time `now` (s), for a device and a gripper (rad) that the host has read. The wrench and the torque
-    /// to send are the record's [`coupling`](HingedRecord::coupling) and [`torque`](HingedRecord::torque).
+    /// Takes one step of `dt` seconds up to time `now` (s), for a device and a gripper (rad) that the host
+    /// has read. The wrench and the torque to send are the record's [`coupling`](HingedRecord::coupling) and
+    /// [`torque`](HingedRecord::torque).
     pub fn step(&mut self, device: &DeviceState, gripper_angle: f64, now: f64, dt: f64) -> HingedRecord {
         self.advance(Some(device), Some(gripper_angle), now, dt).0
     }

@@ -1,5 +1,5 @@
-//! What the haptic loop takes a device's readings for: the last good one held, jumps refused, and the velocity that
-//! the coupling's damper needs.
+//! Tracking of a device's readings: bad ones are replaced by the last good one, jumps are refused, and
+//! velocities are filtered for the coupling's damper.
 
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
@@ -7,43 +7,56 @@ use palpate_device::{DeviceState, Status};
 
 use crate::telemetry::Events;
 
-/// No hand moves or turns a handle faster: m/s and rad/s.
-const FASTEST: (f64, f64) = (10.0, 100.0);
-/// Readings in a row, each within reach of the one before, after which a place that the device jumped to is believed.
-const BELIEVED: u32 = 5;
-/// How long the last good reading is held for the device, s, before it counts as lost: after bad readings, and where none newer
-/// comes.
-const LONGEST_HOLD: f64 = 0.01;
-const LONGEST_STALE: f64 = 0.025;
-/// A device that talks nonsense now and then says something that a hand could have done: that is not to be trusted. Time with refused
-/// readings counts so many times as much as time with good ones.
-const AMENDS: f64 = 4.0;
-/// Good readings are not taken while so much is against the device, s: as the longest hold makes. And the most that counts, s.
-const DOUBTED: f64 = AMENDS * LONGEST_HOLD;
-const MOST_DOUBT: f64 = 1.5 * DOUBTED;
-/// The velocity is that of readings at least this part of a period apart: the stamps of two that came at once say nothing of it.
-const CLOSEST: f64 = 0.25;
-/// Velocities below these are none, m/s and rad/s: a lag lets them halve for ever.
-const SLOWEST: f64 = 1e-12;
+/// Largest speeds of a handle in a hand, m/s and rad/s. Faster motion is a jump of the device.
+const MAX_SPEED: (f64, f64) = (10.0, 100.0);
 
-/// What came of a reading.
+/// Number of consecutive readings, each reachable from the one before, after which a jump is accepted. With
+/// fewer, a short fault of the device moves the hand.
+const ACCEPT_AFTER: u32 = 5;
+
+/// Time for which bad readings are replaced by the last good one, s. After that the device counts as lost.
+const MAX_HOLD: f64 = 0.01;
+
+/// Time without a new reading after which the device counts as lost, s.
+const MAX_STALE: f64 = 0.025;
+
+/// Weight of time with refused readings relative to time with good ones. A faulty device sometimes reports a
+/// pose that a hand could have reached; with a smaller weight such a pose is trusted.
+const FAULT_WEIGHT: f64 = 4.0;
+
+/// Weighted time with refused readings above which no reading is taken, s: that of the longest hold.
+const MAX_DOUBT_TRUSTED: f64 = FAULT_WEIGHT * MAX_HOLD;
+
+/// Largest weighted time with refused readings that is counted, s. It bounds the time until a device is
+/// trusted again.
+const MAX_DOUBT: f64 = 1.5 * MAX_DOUBT_TRUSTED;
+
+/// Smallest time between two readings for a velocity, in periods. The time stamps of two that arrive at once
+/// are too inaccurate.
+const MIN_INTERVAL: f64 = 0.25;
+
+/// Velocities below this are set to 0, m/s and rad/s: through a lag they would decay for ever.
+const MIN_SPEED: f64 = 1e-12;
+
+/// Outcome of a reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Reading {
-    /// It was taken.
+    /// The reading was taken.
     Good,
-    /// It is the one before, once more: its velocity goes on.
+    /// The reading is the same as before: its velocity is kept.
     Stale,
-    /// It was refused; the last good one is held at rest.
+    /// The reading was refused; the last good one is held at rest.
     Held,
-    /// It is the first one taken, or the first of a device that was lost or is elsewhere now: the displacement since the last is
-    /// none.
+    /// The reading is the first one taken, or the first after the device was lost or jumped: the displacement
+    /// since the last is set to 0.
     Back,
-    /// There is none, or none that is good has come for too long; the last good one is held at rest.
+    /// The device does not answer, or has given no good reading for too long; the last good one is held at
+    /// rest.
     Lost,
 }
 
 impl Reading {
-    /// The worse of the readings of two ports that are used together: one that goes on is good.
+    /// The worse of the readings of two ports that are used together; a stale one counts as good.
     pub fn or_worse(self, other: Self) -> Self {
         let either = |reading: Self| self == reading || other == reading;
         [Self::Lost, Self::Back, Self::Held]
@@ -53,26 +66,26 @@ impl Reading {
     }
 }
 
-/// The device as the loop sees it, in the device's axes.
+/// The tracked state of the device, in device axes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Tracking {
     state: DeviceState,
-    /// What the handle moved by from the reading before: m, and rad as a rotation vector.
+    /// Displacement of the handle since the reading before: m, and rad as a rotation vector.
     displacement: Twist,
-    /// Time since the last good reading, s, up to now.
+    /// Time since the last good reading, s.
     blind: f64,
     started: bool,
-    /// Whether the device stamps its readings: a time that stays means that the reading does.
+    /// Whether the device stamps its readings. Then an unchanged stamp means an unchanged reading.
     stamped: bool,
-    /// Whether it counts as lost.
+    /// Whether the device counts as lost.
     lost: bool,
-    /// Time with good readings that is wanting to make up for refused ones, s.
+    /// Time with good readings that is needed to make up for refused ones, s.
     doubt: f64,
-    /// A place that the device jumped to, and how many readings were there.
+    /// Pose that the device jumped to, and the number of readings there.
     suspect: Option<(Pose, u32)>,
-    /// Lags of the velocity and the angular velocity, s; 0 takes the device's own.
+    /// Lags of the velocity and the angular velocity, s; with 0 the device's own is taken.
     lags: (f64, f64),
-    /// Velocities through these lags.
+    /// Velocities filtered through these lags.
     lagged: Twist,
     period: f64,
 }
@@ -94,7 +107,7 @@ impl Tracking {
         }
     }
 
-    /// Lets velocities lag otherwise, from what they are now.
+    /// Changes the lags of the velocities, which continue from their present values.
     pub fn set_lags(&mut self, lags: (f64, f64)) {
         let twist = self.damped_state().twist;
         self.lagged = twist;
@@ -106,36 +119,35 @@ impl Tracking {
         &self.state
     }
 
-    /// The same with the velocities for the coupling's damper.
+    /// The last good state with the velocities for the coupling's damper.
     pub fn damped_state(&self) -> DeviceState {
-        let pick = |lag: f64| lag > 0.0;
-        let twist = &self.state.twist;
-        DeviceState {
-            twist: Twist {
-                linear: if pick(self.lags.0) { self.lagged.linear } else { twist.linear },
-                angular: if pick(self.lags.1) { self.lagged.angular } else { twist.angular },
-            },
-            ..self.state
+        let Twist { mut linear, mut angular } = self.state.twist;
+        if self.lags.0 > 0.0 {
+            linear = self.lagged.linear;
         }
+        if self.lags.1 > 0.0 {
+            angular = self.lagged.angular;
+        }
+        DeviceState { twist: Twist { linear, angular }, ..self.state }
     }
 
-    /// What the handle moved by at the last call of [`Self::take`].
+    /// Displacement of the handle in the last call of [`Self::take`].
     pub fn displacement(&self) -> &Twist {
         &self.displacement
     }
 
-    /// Takes a reading that comes `elapsed` seconds after the one before, or counts why it was not taken.
+    /// Takes a reading, `elapsed` seconds after the one before, or counts why it was refused.
     pub fn take(&mut self, device: Option<&DeviceState>, elapsed: f64, events: &mut Events) -> Reading {
         let elapsed = if elapsed > 0.0 && elapsed.is_finite() { elapsed } else { 0.0 };
         self.blind += elapsed;
         self.displacement = Twist::ZERO;
         let Some(state) = device else {
             events.device_refused += 1;
-            // A device that does not answer is sent nothing, however short that is.
+            // A device that does not answer gets no wrench, not even for a short time.
             self.lost = true;
             return self.hold();
         };
-        // What the driver holds is not what the device says.
+        // A reading that the driver holds is not the device's own.
         let held = state.status.contains(Status::HELD);
         if held || !(state.pose.is_valid() && state.twist.is_finite()) {
             events.device_refused += 1;
@@ -143,21 +155,21 @@ impl Tracking {
         }
         if self.is_stale(state) {
             events.device_stale += 1;
-            return if self.lost || self.blind > LONGEST_STALE { self.hold() } else { Reading::Stale };
+            return if self.lost || self.blind > MAX_STALE { self.hold() } else { Reading::Stale };
         }
         events.device_ended += u64::from(state.status.contains(Status::ENDED));
         let blind = self.blind.max(self.period);
         let moved = moved(&self.state.pose, &state.pose);
         let jumped = self.started && !reachable(&moved, blind);
-        if jumped && !self.believe(&state.pose) {
+        if jumped && !self.accept_jump(&state.pose) {
             events.device_jumped += 1;
             return self.refuse(elapsed);
         }
         self.doubt = if jumped { 0.0 } else { (self.doubt - elapsed).max(0.0) };
-        if self.doubt >= DOUBTED {
+        if self.doubt >= MAX_DOUBT_TRUSTED {
             return self.hold();
         }
-        let between = self.between(state, blind);
+        let interval = self.interval(state, blind);
         let back = !self.started || jumped || self.lost;
         self.stamped |= self.started && state.time > self.state.time;
         (self.started, self.lost) = (true, false);
@@ -169,50 +181,56 @@ impl Tracking {
             return Reading::Back;
         }
         self.displacement = moved;
-        let lag = |tau: f64| if tau > 0.0 { between / (tau + between) } else { 0.0 };
-        let follow = |lagged: DVec3, moved: DVec3, tau: f64| {
-            let velocity = lagged + (moved / between - lagged) * lag(tau);
-            if velocity.abs().max_element() < SLOWEST { DVec3::ZERO } else { velocity }
-        };
-        self.lagged.linear = follow(self.lagged.linear, moved.linear, self.lags.0);
-        self.lagged.angular = follow(self.lagged.angular, moved.angular, self.lags.1);
+        self.lagged.linear = filtered(self.lagged.linear, moved.linear, interval, self.lags.0);
+        self.lagged.angular = filtered(self.lagged.angular, moved.angular, interval, self.lags.1);
         Reading::Good
     }
 
-    /// Whether a reading is the one before. A device that does not stamp its readings is taken to give a new one each time.
+    /// Whether a reading is the same as before. Readings without time stamps always count as new.
     fn is_stale(&self, state: &DeviceState) -> bool {
         self.started && self.stamped && state.time <= self.state.time && state.pose == self.state.pose
     }
 
-    /// Time from the reading before to this one, s: by their stamps as far as these can be, `blind` (s) after the last good one.
-    fn between(&self, state: &DeviceState, blind: f64) -> f64 {
+    /// Time between the reading before and this one, s: by their stamps if these are plausible for a reading
+    /// that comes `blind` (s) after the last good one.
+    fn interval(&self, state: &DeviceState, blind: f64) -> f64 {
         let stamps = state.time - self.state.time;
-        let time = if stamps > 0.0 { stamps.min(blind + LONGEST_STALE) } else { blind };
-        time.max(CLOSEST * self.period)
+        let time = if stamps > 0.0 { stamps.min(blind + MAX_STALE) } else { blind };
+        time.max(MIN_INTERVAL * self.period)
     }
 
-    /// Takes no reading, and the device is trusted less.
+    /// Refuses a reading and raises the doubt about the device.
     fn refuse(&mut self, elapsed: f64) -> Reading {
-        self.doubt = (self.doubt + AMENDS * elapsed).min(MOST_DOUBT);
+        self.doubt = (self.doubt + FAULT_WEIGHT * elapsed).min(MAX_DOUBT);
         self.hold()
     }
 
+    /// Holds the last good state at rest.
     fn hold(&mut self) -> Reading {
         self.state.twist = Twist::ZERO;
         self.lagged = Twist::ZERO;
-        self.lost |= self.blind > LONGEST_HOLD;
+        self.lost |= self.blind > MAX_HOLD;
         if self.lost { Reading::Lost } else { Reading::Held }
     }
 
-    /// Whether the device has been where it jumped to for long enough.
-    fn believe(&mut self, pose: &Pose) -> bool {
+    /// Counts a reading at a pose that the device jumped to. Returns `true` if there were enough in a row,
+    /// more after many refused ones.
+    fn accept_jump(&mut self, pose: &Pose) -> bool {
         let count = match self.suspect {
             Some((last, count)) if reachable(&moved(&last, pose), self.period) => count + 1,
             _ => 1,
         };
         self.suspect = Some((*pose, count));
-        count >= BELIEVED.max((self.doubt / (AMENDS * self.period)) as u32)
+        count >= ACCEPT_AFTER.max((self.doubt / (FAULT_WEIGHT * self.period)) as u32)
     }
+}
+
+/// A velocity after a displacement Δ over an interval T (s), through a first-order lag τ (s): v + (Δ / T − v)
+/// T / (τ + T). Without a lag it does not change, since it is not used.
+fn filtered(velocity: DVec3, moved: DVec3, interval: f64, lag: f64) -> DVec3 {
+    let gain = if lag > 0.0 { interval / (lag + interval) } else { 0.0 };
+    let velocity = velocity + (moved / interval - velocity) * gain;
+    if velocity.abs().max_element() < MIN_SPEED { DVec3::ZERO } else { velocity }
 }
 
 /// The displacement from one pose to another: m, and rad as a rotation vector.
@@ -220,9 +238,9 @@ fn moved(from: &Pose, to: &Pose) -> Twist {
     Twist::new(to.translation - from.translation, from.rotation_vector_to(to))
 }
 
-/// Whether a hand can move a handle so far in `seconds`.
+/// Whether a hand can move a handle by a displacement in `seconds`.
 fn reachable(moved: &Twist, seconds: f64) -> bool {
-    moved.linear.length() <= FASTEST.0 * seconds && moved.angular.length() <= FASTEST.1 * seconds
+    moved.linear.length() <= MAX_SPEED.0 * seconds && moved.angular.length() <= MAX_SPEED.1 * seconds
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
-//! Where the hand is in the world: the device's mapping, the clutch by which it is moved without the object, and the same for a hand
-//! that is found elsewhere.
+//! The mapping of the device into the world, with the clutch, which moves the device without the object, and
+//! rebasing, which does the same after the hand was lost.
 
 use palpate_core::{Pose, Twist};
 use palpate_device::DeviceState;
@@ -7,26 +7,27 @@ use palpate_dynamics::{DeviceMapping, DeviceMotion};
 
 /// The device's mapping with its clutch (indexing).
 ///
-/// While the clutch is held the hand's image in the world stays where it was when it was pressed, and the object with
-/// it. On release the mapping's origin and the handle's orientation are set so that the device is there: nothing in the
-/// world notices either.
+/// While the clutch is held, the hand's image in the world stays where it was when the clutch was pressed,
+/// and the object with it. On release the mapping's origin and the handle's orientation are set so that the
+/// device maps to that image: nothing moves in the world.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Workspace {
     mapping: DeviceMapping,
-    /// The button, counted from 0, that is the clutch.
+    /// The clutch button, counted from 0.
     button: Option<u32>,
     /// Whether the host holds the clutch.
-    asked: bool,
-    /// Where the hand's image stays while the clutch is held.
+    held_by_host: bool,
+    /// Pose of the hand's image while the clutch is held.
     held: Option<Pose>,
 }
 
-/// A hand that is found further away than this, m and rad, holds the object where it is.
-const ELSEWHERE: (f64, f64) = (5e-3, 0.1);
+/// Smallest displacement of a lost hand, m and rad, at which the mapping is rebased. With more, the object
+/// jumps to where the hand is found.
+const MIN_REBASE: (f64, f64) = (5e-3, 0.1);
 
 impl Workspace {
     pub fn new(mapping: DeviceMapping, button: Option<u32>) -> Self {
-        Self { mapping, button, asked: false, held: None }
+        Self { mapping, button, held_by_host: false, held: None }
     }
 
     pub fn mapping(&self) -> &DeviceMapping {
@@ -38,30 +39,30 @@ impl Workspace {
         self.held.is_some()
     }
 
-    /// Holds the clutch for the host, or lets it go for it.
+    /// Holds or releases the clutch on behalf of the host.
     pub fn ask_clutch(&mut self, held: bool) {
-        self.asked = held;
+        self.held_by_host = held;
     }
 
-    /// Lets a hand that was lost at one pose of the device and found at another, further away than a hand holds still, go on from
-    /// where its image was: whether it does.
+    /// Rebases the mapping of a hand that was lost at one pose of the device and found at another, so that
+    /// its image does not move; `false` if the two are close or the clutch is held.
     pub fn rebase(&mut self, lost: &Pose, found: &Pose) -> bool {
-        let way = lost.translation.distance(found.translation);
+        let distance = lost.translation.distance(found.translation);
         let turn = lost.rotation_vector_to(found).length();
         // While the clutch is held the image stays in any case.
-        let elsewhere = self.held.is_none() && (way > ELSEWHERE.0 || turn > ELSEWHERE.1);
+        let elsewhere = self.held.is_none() && (distance > MIN_REBASE.0 || turn > MIN_REBASE.1);
         if elsewhere {
             self.mapping = self.mapping.rebased(found, &self.mapping.pose(lost));
         }
         elsewhere
     }
 
-    /// Where the hand is in the world for a state of the device.
+    /// Motion of the hand's image in the world for a state of the device.
     pub fn locate(&mut self, device: &DeviceState) -> DeviceMotion {
         let pressed =
             self.button.is_some_and(|button| device.buttons.checked_shr(button).unwrap_or(0) & 1 == 1);
         let here = self.mapping.pose(&device.pose);
-        if self.asked || pressed {
+        if self.held_by_host || pressed {
             return DeviceMotion::at_rest(*self.held.get_or_insert(here));
         }
         let pose = match self.held.take() {
@@ -103,7 +104,8 @@ mod tests {
         one.translation.distance(other.translation) < 1e-12 && one.rotation_vector_to(other).length() < 1e-12
     }
 
-    /// While the clutch is held, by its button or by the host, the hand's image stays and is at rest; on release it goes on from there.
+    /// While the clutch is held, by its button or by the host, the hand's image stays and is at rest; on
+    /// release it goes on from there.
     #[test]
     fn a_clutch_moves_the_device_and_nothing_else() {
         for by_host in [false, true] {
@@ -121,19 +123,19 @@ mod tests {
             assert!(close(&released.pose, &before) && !workspace.clutched());
             // From there a metre at the device is two in the world.
             let moved = workspace.locate(&device(0.05, 0.4, 0));
-            let way = moved.pose.translation.distance(before.translation);
-            assert!((way - 0.02).abs() < 1e-12, "{way} m");
+            let distance = moved.pose.translation.distance(before.translation);
+            assert!((distance - 0.02).abs() < 1e-12, "{distance} m");
             assert!((moved.twist.linear.length() - 2.0).abs() < 1e-12);
         }
-        // Another button is no clutch.
+        // Other buttons do not act as a clutch.
         let mut other = workspace();
         other.locate(&device(0.0, 0.0, 0b101));
         assert!(!other.clutched());
     }
 
-    /// A hand that is found further away than one holds still goes on from where its image was; a nearer one is believed.
+    /// The image of a hand that is found far from where it was lost stays; that of a nearer one follows.
     #[test]
-    fn a_hand_that_is_found_elsewhere_moves_nothing() {
+    fn a_hand_that_is_found_far_away_moves_nothing() {
         for (moved, turned, rebased) in
             [(0.004, 0.0, false), (0.006, 0.0, true), (0.0, 0.09, false), (0.0, 0.11, true)]
         {

@@ -7,7 +7,7 @@ use palpate_device::Specification;
 use palpate_realtime::{Outcome, State, ThreadSetup};
 use serde::Serialize;
 
-use crate::haptic::invariants::Kept;
+use crate::haptic::invariants::InvariantRecord;
 use crate::run::machine::MachineLoad;
 use crate::run::renderer::HapticRenderer;
 use crate::scene::object::Object;
@@ -87,7 +87,7 @@ pub struct Session {
     pub stages: BTreeMap<&'static str, String>,
     /// Checks of the wrenches that were sent against the bounds that the engine promises, by
     /// [`Invariant`](crate::promises::Invariant).
-    pub invariants: BTreeMap<&'static str, Kept>,
+    pub invariants: BTreeMap<&'static str, InvariantRecord>,
 }
 
 /// Machine-readable summary of a session.
@@ -128,7 +128,7 @@ pub struct Summary {
     pub stages: BTreeMap<&'static str, String>,
     /// Checks of the wrenches that were sent against the bounds that the engine promises, by
     /// [`Invariant`](crate::promises::Invariant).
-    pub invariants: BTreeMap<&'static str, Kept>,
+    pub invariants: BTreeMap<&'static str, InvariantRecord>,
     /// Counts of events.
     pub events: Events,
 }

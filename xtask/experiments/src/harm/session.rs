@@ -506,7 +506,7 @@ impl Running {
         let closed = self.bench.close();
         let invariants = self.haptic.invariants();
         let kept = |invariant| {
-            let worst = invariants.kept(invariant).worst;
+            let worst = invariants.record(invariant).worst;
             if worst.is_nan() { f64::INFINITY } else { worst }
         };
         let (seen, worst) = (self.bench.judge.parts, self.worst);
@@ -521,7 +521,7 @@ impl Running {
             Measure::FreeEnergy => worst.free_energy,
             Measure::TrueSpeed => worst.true_speed,
         };
-        let broken = Invariant::ALL.iter().map(|it| (it.name(), invariants.kept(*it).broken));
+        let broken = Invariant::ALL.iter().map(|it| (it.name(), invariants.record(*it).broken));
         Ended {
             parts: Measure::ALL.iter().map(part).collect(),
             broken: broken.filter(|(_, times)| *times > 0).collect(),

@@ -211,7 +211,7 @@ impl Running {
                 &model,
                 &self.state,
                 0.0,
-                (1.0 / rig.contact_rate).min(ContactBlend::LONGEST),
+                (1.0 / rig.contact_rate).min(ContactBlend::MAX_DURATION),
             );
             self.frozen = frozen;
         }

@@ -1,4 +1,4 @@
-//! Which contacts a model keeps where there are more than it has room for, and that the others are counted.
+//! The contacts that a model keeps when there are more than it has room for; the others are counted.
 
 use std::num::NonZeroU32;
 
@@ -99,11 +99,11 @@ fn the_shallowest_gives_way_whatever_its_kind() {
         for new in KINDS {
             let mut model = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
             (1..=4).for_each(|depth| push(&mut model, old, APPROACHING, f64::from(depth)));
-            // As deep as the shallowest, or less deep: the new one is left out.
+            // A new contact as deep as the shallowest, or less deep, is dropped.
             push(&mut model, new, APPROACHING, 1.0);
             push(&mut model, new, APPROACHING, 0.5);
             assert_eq!(depths(&model, APPROACHING), [1.0, 2.0, 3.0, 4.0], "{old:?}, {new:?}");
-            // Deeper ones take the place of the shallowest, one after another.
+            // Deeper ones replace the shallowest, one after another.
             push(&mut model, new, APPROACHING, 2.5);
             push(&mut model, new, APPROACHING, 5.0);
             assert_eq!(depths(&model, APPROACHING), [2.5, 5.0, 3.0, 4.0], "{old:?}, {new:?}");
@@ -127,7 +127,7 @@ fn constraints_pushed_as_they_are_keep_to_the_same_budgets() {
     assert_eq!(all.overflow(), 9);
 }
 
-/// Contacts that came and gave way leave nothing behind: the model is that of those that stayed.
+/// Contacts that were replaced leave nothing behind: the model is that of the others alone.
 #[test]
 fn a_contact_that_gives_way_takes_its_curvature_terms_along() {
     let mut model = LinearContactModel::empty(&Pose::IDENTITY, 0.0);

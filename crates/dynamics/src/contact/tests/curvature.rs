@@ -3,7 +3,7 @@ use palpate_core::{Pose, Twist, Wrench};
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
 use crate::body::BodyState;
-use crate::contact::curvature::STEEPEST;
+use crate::contact::curvature::MAX_GRADIENT_CHANGE;
 use crate::contact::{
     ContactClass, ContactParameters, CurvedContact, FoundContact, Friction, LinearContactModel, MovingBody,
 };
@@ -13,7 +13,7 @@ use crate::eigen::Matrix6;
 const PARAMETERS: ContactParameters =
     ContactParameters { stiffness: 2000.0, damping: 0.0, tolerance: 5e-4, friction: Friction::NONE };
 
-/// A depth as a quadratic function, of a body of about 5 cm, with curvatures of either sign.
+/// A quadratic depth of a body of about 5 cm, with curvatures of both signs.
 fn random_contact(rng: &mut StdRng, pose: &Pose) -> CurvedContact {
     let lever = 0.05;
     let entries: Matrix6 = std::array::from_fn(|_| std::array::from_fn(|_| rng.random_range(-100.0..100.0)));
@@ -61,7 +61,7 @@ fn wrench_where_it_was_found_is_that_of_the_potential() {
     }
 }
 
-/// Where all curvatures are positive and two directions have them, depth follows its second order.
+/// With two positive curvatures and no others, the depth equals its second-order expansion.
 #[test]
 fn energy_follows_the_second_order_of_the_depth() {
     let seed = 122;
@@ -134,7 +134,7 @@ fn jacobian_equals_central_differences() {
     assert!(curved > 200, "{curved} were curved");
 }
 
-/// But for its arm's turning a curved contact is stiff in no direction that it would be driven along.
+/// The stiffness of a curved contact, without the turning of its arm, is positive semidefinite.
 #[test]
 fn stiffness_of_curvature_terms_is_semi_definite_wherever_the_body_is() {
     let seed = 124;
@@ -161,14 +161,17 @@ fn stiffness_of_curvature_terms_is_semi_definite_wherever_the_body_is() {
             } else {
                 0.0
             };
-            assert!(change <= STEEPEST * (1.0 + 1e-9), "seed {seed}, case {case}: turned by {change}");
+            assert!(
+                change <= MAX_GRADIENT_CHANGE * (1.0 + 1e-9),
+                "seed {seed}, case {case}: turned by {change}"
+            );
         }
         for _ in 0..10 {
-            let way = random_twist(&mut rng, 1.0, 20.0);
-            let resisting = response.jacobian.pose.apply(&way);
+            let moved = random_twist(&mut rng, 1.0, 20.0);
+            let resisting = response.jacobian.pose.apply(&moved);
             let turning =
-                crate::rotation::skew_skew(model.constraints()[0].normal * -force, at.arm) * way.angular;
-            let energy = -resisting.force.dot(way.linear) - (resisting.torque - turning).dot(way.angular);
+                crate::rotation::skew_skew(model.constraints()[0].normal * -force, at.arm) * moved.angular;
+            let energy = -resisting.force.dot(moved.linear) - (resisting.torque - turning).dot(moved.angular);
             assert!(energy >= -1e-9 * force.max(1.0), "seed {seed}, case {case}: {energy}");
         }
     }
@@ -197,7 +200,7 @@ fn what_is_not_finite_is_refused() {
         push(&mut model, &contact);
     }
     assert_eq!((model.constraints().len(), model.refused()), (0, 4));
-    // A plane is left of one whose curvature is unknown.
+    // A contact with an unknown curvature becomes a plane.
     push(&mut model, &crooked);
     assert!(
         model.curvature_terms().iter().all(|term| term.curvature == 0.0) && model.constraints().len() == 1

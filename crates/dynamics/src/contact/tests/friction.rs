@@ -10,7 +10,7 @@ use crate::differences::{
     derivative, random_direction, random_pose, random_twist, random_vector, relative_error, wrench_jacobian,
 };
 
-/// A contact that pushes, strained and sliding at random.
+/// A contact that pushes, with random strain and sliding.
 fn random_constraint(rng: &mut StdRng, state: &BodyState) -> PlaneConstraint {
     let point = random_vector(rng, 0.1);
     let at = state.pose.transform_point(point);
@@ -70,16 +70,16 @@ fn jacobian_equals_central_differences_whether_it_sticks_or_slides() {
         let falls = constraint.friction.static_coefficient > constraint.friction.dynamic_coefficient;
         let error = if falls {
             // Along one motion, in steps so small that the coefficient changes little.
-            let (way, change) = (random_twist(&mut rng, 1.0, 10.0), random_twist(&mut rng, 1.0, 10.0));
+            let (moved, change) = (random_twist(&mut rng, 1.0, 10.0), random_twist(&mut rng, 1.0, 10.0));
             let at = |s: f64| BodyState {
-                pose: state.pose.moved(&way, s),
+                pose: state.pose.moved(&moved, s),
                 twist: Twist::new(
                     state.twist.linear + change.linear * s,
                     state.twist.angular + change.angular * s,
                 ),
             };
             let expected = derivative(|s| model.wrench(&at(s)), 1e-5);
-            let off = found.pose.apply(&way) + found.twist.apply(&change) - expected;
+            let off = found.pose.apply(&moved) + found.twist.apply(&change) - expected;
             (off.force.length() / expected.force.length()).max(off.torque.length() / expected.torque.length())
         } else {
             relative_error(&found, &wrench_jacobian(|s| model.wrench(s), &state))
@@ -123,7 +123,7 @@ fn the_coulomb_limit_holds_in_every_state() {
     }
 }
 
-/// Settling takes energy out of the springs, never puts any in, and the same state settles once.
+/// Settling takes energy out of the springs and never adds any, and a second time it changes nothing.
 #[test]
 fn settling_never_stretches_a_spring() {
     let seed = 63;

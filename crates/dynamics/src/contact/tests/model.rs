@@ -162,9 +162,9 @@ fn random_moving(rng: &mut StdRng, pose: &Pose, friction: f64, object: &MovingBo
     model
 }
 
-/// Whether all moves with a velocity, or the same stands still, the body does the same beside that.
+/// A body in contact behaves the same in a frame that moves with a constant velocity.
 #[test]
-fn what_moves_together_feels_the_same() {
+fn contact_is_the_same_in_a_moving_frame() {
     let seed = 45;
     let mut rng = StdRng::seed_from_u64(seed);
     let body = Body::new(0.1, DMat3::from_diagonal(DVec3::new(1e-4, 2e-4, 1.5e-4))).unwrap();
@@ -238,12 +238,12 @@ fn a_turning_surface_drags_a_patch_along() {
     let turned = model.wrench(&at_rest).torque.z - by_damper;
     let expected = 1000.0 * 0.01 * 0.01 * 2.0 * (0.005 * 2.0_f64 / 2.0).sin();
     assert!((turned - expected).abs() < 1e-9, "{turned} {expected}");
-    // It does not for ever.
+    // It stops after the largest time.
     (0..100).for_each(|_| model.advance(0.005));
     let end = model.wrench(&at_rest).torque.z;
     model.advance(0.005);
     assert_eq!(model.wrench(&at_rest).torque.z, end);
-    let most = 1000.0 * 0.01 * 0.01 * 2.0 * (LinearContactModel::LONGEST_MOTION * 2.0 / 2.0).sin();
+    let most = 1000.0 * 0.01 * 0.01 * 2.0 * (LinearContactModel::MAX_SURFACE_MOTION * 2.0 / 2.0).sin();
     assert!((end - most).abs() < 1e-9, "{end} {most}");
 }
 

@@ -19,14 +19,14 @@ use crate::step::{Frame, Step, carried_momentum};
 ///
 /// with F and T at the end of the step. The derivatives are exact: of the carried momentum as in
 /// [`semi_implicit_step`](crate::semi_implicit_step), of the wrench by ω through the turn as well, ∂φ = h
-/// J_l(h ω) ∂ω. Contacts are looked at anew in each iterate.
+/// J_l(h ω) ∂ω. Contacts are evaluated anew in each iteration.
 ///
 /// Newton steps are shortened until the simplified Newton step that follows is shorter than the last (the
-/// natural monotonicity test of P. Deuflhard, *Newton Methods for Nonlinear Problems*, 2004, §3.3), which does
-/// not depend on units. A damper acts at once when its contact closes, so that there may be no solution with a
-/// contact or without; contacts that are open at the start and that the iteration flipped are then left to the
-/// next step, as the semi-implicit step leaves them, and the iteration is run once more. If that does not
-/// converge either, the step is the semi-implicit one, with
+/// natural monotonicity test of P. Deuflhard, *Newton Methods for Nonlinear Problems*, 2004, §3.3), which
+/// does not depend on units. A damper acts at once when its contact closes, so that there may be no solution
+/// with a contact or without; contacts that are open at the start and that the iteration flipped are then
+/// left to the next step, as the semi-implicit step leaves them, and the iteration is run once more. If that
+/// does not converge either, the step is the semi-implicit one, with
 /// [`StepStatus::unconverged`](crate::StepStatus::unconverged) set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FullyImplicit {
@@ -43,8 +43,9 @@ impl Default for FullyImplicit {
     }
 }
 
-/// A Newton step is shortened at most to this part of it.
-const SHORTEST: f64 = 1.0 / 64.0;
+/// Smallest fraction to which a Newton step is shortened. With less, iterations that do not converge take
+/// longer.
+const MIN_STEP: f64 = 1.0 / 64.0;
 
 /// Rounding error of a velocity, relative to it.
 const ROUNDING: f64 = 1e-12;
@@ -161,7 +162,7 @@ impl<'a> Iteration<'a> {
                     break;
                 }
                 part *= 0.5;
-                if part < SHORTEST {
+                if part < MIN_STEP {
                     return None;
                 }
             }

@@ -1,4 +1,5 @@
-//! Integrators to compare the semi-implicit step with (§5.5.2, Fig. 5.6): not built into the engine unless the feature `integrators` is on.
+//! Integrators to compare the semi-implicit step with (§5.5.2, Fig. 5.6): not built into the engine unless
+//! the feature `integrators` is on.
 
 mod forward_euler;
 mod fully_implicit;

@@ -11,26 +11,26 @@ use crate::jacobian::Block6;
 use crate::linear_solve::solve;
 use crate::step::{Frame, Step, StepFailure, StepStatus};
 
-/// A body without dynamics: each step puts it where the springs of coupling and contacts balance, with
-/// gravity.
+/// A body without dynamics: each step puts it at the equilibrium of the springs of coupling and contacts,
+/// with gravity.
 ///
-/// No damper acts and no mass but for the weight: of the time step only the velocity depends, which is the
-/// change of placement over it, and the wrenches given are those of the springs alone. The equilibrium is
-/// searched for from the present placement by Newton's method. Where the stiffness is not positive definite
+/// Neither dampers nor inertia act: only the velocity depends on the time step, as the
+/// change of placement over it, and the wrenches are those of the springs alone. The equilibrium is
+/// searched from the present placement by Newton's method. If the stiffness is not positive definite
 /// (a saturated spring, a tool about to buckle), or a step neither brings the springs closer to balance nor
 /// takes energy from them, springs to the present placement are added, of the coupling's gains times a factor
 /// that grows until it does (Levenberg's method).
 ///
-/// The search is bounded; if it ends early, the body is where it came to, [`StepStatus::unconverged`] is set,
-/// and the next step goes on from there. Both of the coupling's springs must have a positive stiffness:
-/// without them there is no one equilibrium, and the step is held for [`StepFailure::Singular`].
+/// The search is bounded; if it ends early, the body stays at the best placement, [`StepStatus::unconverged`]
+/// is set, and the next step continues from there. Both of the coupling's springs must have a positive
+/// stiffness: without them there is no one equilibrium, and the step is held for [`StepFailure::Singular`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuasiStatic {
     /// Largest number of systems that a step solves.
     pub iterations: u32,
-    /// The furthest that one iteration moves the body, m.
+    /// Largest displacement of the body in an iteration, m.
     pub max_shift: f64,
-    /// The furthest that one iteration turns the body, rad.
+    /// Largest rotation of the body in an iteration, rad.
     pub max_turn: f64,
     /// Largest motion of the last iteration, m; turning counts by the deviation of the linear spring that
     /// holds as much energy.
@@ -73,10 +73,13 @@ impl Integrator for QuasiStatic {
     }
 }
 
-/// The least and first factor of the added springs, its growth, and the factor that is given up at.
-const LEAST: f64 = 1e-3;
-const GROWTH: f64 = 10.0;
-const MOST: f64 = 1e9;
+/// Smallest and first factor of the added springs. With less, more iterations are wasted on steps that are
+/// too long.
+const MIN_FACTOR: f64 = 1e-3;
+/// Growth of the factor from one iteration to the next.
+const FACTOR_GROWTH: f64 = 10.0;
+/// Factor at which the search ends: the body does not move any more.
+const MAX_FACTOR: f64 = 1e9;
 
 /// Balance of the springs at a placement.
 #[derive(Clone, Copy)]
@@ -112,16 +115,16 @@ impl QuasiStatic {
                 + change.angular.length_squared() * (gains.1 / gains.0))
                 .sqrt();
             let next = Balance::new(frame, here.pose.moved(&self.limited(&change), 1.0), gains);
-            // The last step may be one of rounding.
+            // The last step may be rounding only.
             if length <= self.tolerance && added == 0.0 {
                 status.unconverged = false;
                 let better = next.off < here.off;
                 return Some((if better { next } else { here }, status));
             }
-            // Of a saturated spring only the energy falls.
+            // With a saturated spring only the energy falls.
             if next.off < here.off || next.energy < here.energy {
                 here = next;
-                added = if added > LEAST { added / GROWTH } else { 0.0 };
+                added = if added > MIN_FACTOR { added / FACTOR_GROWTH } else { 0.0 };
             } else {
                 let Some(next) = more(added) else { break };
                 added = next;
@@ -137,9 +140,9 @@ impl QuasiStatic {
     }
 }
 
-/// The next factor of the added springs, unless that is beyond all use.
+/// The next factor of the added springs; `None` beyond the largest.
 fn more(added: f64) -> Option<f64> {
-    Some(if added == 0.0 { LEAST } else { added * GROWTH }).filter(|added| *added < MOST)
+    Some(if added == 0.0 { MIN_FACTOR } else { added * FACTOR_GROWTH }).filter(|added| *added < MAX_FACTOR)
 }
 
 impl Balance {

@@ -1,4 +1,4 @@
-//! A contact of the proxy, and how it is carried from one pose to another.
+//! Contacts of the proxy, and how they are carried from one pose to another.
 
 use palpate_collide::PatchContact;
 use palpate_core::{Contact, Pose, Twist};
@@ -19,17 +19,18 @@ impl ProxyContact {
         Self { contact, object, recess: 0.0 }
     }
 
-    /// Scene object and patches that the contact is between.
+    /// The scene object and the patches in contact.
     pub fn pair(&self) -> (usize, u32, u32) {
         (self.object, self.contact.probe_node, self.contact.scene_node)
     }
 
-    /// Depth that the proxy may have here, m, where it may have `depth` (m) in an object that is not textured.
+    /// Allowed depth at this contact, m: `depth` (m) plus the recess of a textured object.
     pub fn allowed(&self, depth: f64) -> f64 {
         depth + self.recess
     }
 
-    /// Takes the contact along as its scene object moves, so that it stays on its side.
+    /// Moves the contact's plane with its scene object; the point on the proxy stays. With the plane's point
+    /// **q** = **p** − δ **n** and its normal moved, δ' = (**p** − **q**') · **n**'.
     pub fn move_with_object(&mut self, motion: &Pose) {
         let Contact { point, scene_point, normal, depth } = self.contact.contact;
         let plane = motion.transform_point(point - normal * depth);
@@ -39,13 +40,13 @@ impl ProxyContact {
     }
 }
 
-/// The motion (a twist for the time of 1) from one pose to another.
+/// The motion from one pose to another, as a twist over a time of 1.
 pub(crate) fn motion_between(from: &Pose, to: &Pose) -> Twist {
     Twist::new(to.translation - from.translation, from.rotation_vector_to(to))
 }
 
-/// A contact of the body at one pose of its centre of mass, as its plane holds the body at another: the point moves with
-/// the body, the plane stays. With p' the point there, δ' = δ + (p' − p) · n.
+/// Carries a contact from one pose of the body's centre of mass to another: the point moves with the body,
+/// the plane stays. With **p**' the moved point, δ' = δ + (**p**' − **p**) · **n**.
 pub(crate) fn carried(contact: &Contact, from: &Pose, to: &Pose) -> Contact {
     if from == to {
         return *contact;

@@ -1,32 +1,33 @@
-//! Contact queries as the proxy asks for them, whichever way contacts are found.
+//! Contact queries of the proxy, by levels of detail or in fields.
 
 use palpate_collide::{QueryError, QuerySettings, SceneOutcome, SceneQuery};
 use palpate_core::Pose;
 
 use super::contact::ProxyContact;
 
-/// Finds contacts for a proxy.
+/// A contact query at a pose of the proxy.
 pub(crate) trait ContactFinder {
-    /// Whether two patches have only one contact at a time, which jumps.
+    /// Whether two patches have only one contact at a time, which jumps as they rock.
     const CONTACTS_JUMP: bool;
 
     /// Distance within which contacts are found, m.
     fn reach(&self) -> f64;
 
-    /// Finds the contacts of the probe with its mesh's frame at a pose; `true` if all objects in reach were queried.
+    /// Finds the contacts of the probe with its mesh's frame at a pose; `true` if all objects in reach were
+    /// queried.
     fn find(&mut self, mesh: &Pose, report: &mut QueryReport) -> bool;
 
     /// The contacts of the last query.
     fn contacts(&self) -> impl Iterator<Item = ProxyContact>;
 
-    /// The largest depths, m, that the last query found in scene objects, by their places.
+    /// The largest depth (m) that the last query found in each scene object, with the object's place.
     fn depths(&self) -> impl Iterator<Item = (usize, f64)>;
 }
 
 /// Outcome of the queries of a step of the proxy.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct QueryReport {
-    /// Number of contacts that queries dropped.
+    /// Number of contacts dropped because there were too many.
     pub dropped: usize,
     /// Whether a query failed, or left out an object that cannot be queried.
     pub refused: bool,
@@ -47,10 +48,10 @@ impl QueryReport {
     }
 }
 
-/// Finds contacts by levels of detail.
+/// The proxy's contact search by levels of detail.
 pub(crate) struct LevelFinder<'a> {
     pub scene: &'a mut SceneQuery,
-    /// The tolerance is the reach.
+    /// Query settings, with the reach as their tolerance.
     pub settings: QuerySettings,
 }
 

@@ -1,22 +1,26 @@
-//! Persistent contacts of the proxy: those that it was too deep in where it was to go, and those that have jumped elsewhere between the
-//! same two patches.
+//! The persistent manifold of the proxy: contacts that stopped it from moving on, and contacts that have
+//! jumped between the same two patches.
 //!
-//! Two convex patches have only one contact at a time, which jumps from corner to corner as they rock on one another. A contact that has
-//! jumped persists where it was, as in the manifolds of rigid-body engines, until the surfaces there are further apart than d or have
-//! slid by as much. It weighs less the further they have slid, and the nearer it is to where the patches touch now.
+//! Two convex patches have only one contact at a time, which jumps from corner to corner as they rock on one
+//! another. A contact that has jumped persists at its old place, as in the manifolds of rigid-body engines,
+//! until the surfaces there are more than d apart or have slid by as much. Its weight falls with the distance
+//! slid and with its distance to the patches' present contact.
 
 use palpate_core::Contact;
 
 use super::contact::ProxyContact;
 
-/// Largest number of persistent contacts. With fewer, a faceted object that rests on many facets rocks between them.
+/// Largest number of persistent contacts. With fewer, a faceted object that rests on many facets rocks
+/// between them.
 const CAPACITY: usize = 64;
 
-/// Cosine of the angle between the normals of two contacts closer than d, above which they are the same contact.
+/// Smallest cosine of the angle between the normals of two contacts closer than d that are the same contact.
+/// With less, contacts on two sides of an edge replace each other.
 const SAME_NORMAL: f64 = 0.9;
 
-/// Distance on the proxy, in tolerances d, from which the contact of two patches has jumped.
-const JUMP: f64 = 0.25;
+/// Smallest distance on the proxy, in tolerances d, by which the contact of two patches jumps. With less, a
+/// contact that slides leaves copies of itself behind.
+const MIN_JUMP: f64 = 0.25;
 
 /// The persistent contacts.
 #[derive(Clone, Debug)]
@@ -43,22 +47,25 @@ impl Manifold {
         self.contacts.clear();
     }
 
-    /// Keeps the contacts of `before` that have jumped elsewhere, where `found` has the contacts now, sorted by pairs of patches.
+    /// Keeps the contacts of `before` within d that have jumped to another place in `found`, the present
+    /// contacts, sorted by pairs of patches.
     pub fn keep_jumped(&mut self, before: &[ProxyContact], found: &[ProxyContact]) {
         for earlier in before {
             let near = earlier.contact.contact.depth > -self.tolerance;
-            let jumped = |(_, distance): (_, f64)| distance > JUMP * self.tolerance;
+            let jumped = |(_, distance): (_, f64)| distance > MIN_JUMP * self.tolerance;
             if near && nearest_of_pair(found, earlier).is_some_and(jumped) {
                 self.keep(*earlier);
             }
         }
     }
 
-    /// Forgets the contacts that have come further apart than d or slid as far along the surface, and weighs the rest:
+    /// Removes the contacts that are more than d apart or have slid by d along the surface, and weights the
+    /// rest by
     ///
     /// w = w_pair · min(1, |p − p_pair| / d) · (1 − s / d),
     ///
-    /// with the weight and place of the nearest present contact of the same pair, and s the distance slid.
+    /// with the weight and the point of the nearest present contact of the same pair, and the distance s
+    /// slid.
     pub fn weigh(&mut self, found: &[ProxyContact]) {
         let tolerance = self.tolerance;
         self.contacts.retain_mut(|kept| {
@@ -70,7 +77,8 @@ impl Manifold {
         });
     }
 
-    /// Keeps a contact, in place of what was known of it. Where there is no room, the shallowest gives way.
+    /// Keeps a contact, in place of an older copy if there is one. If there is no room, it replaces the
+    /// shallowest.
     pub fn keep(&mut self, contact: ProxyContact) {
         let Contact { point, normal, depth, .. } = contact.contact.contact;
         let same = |other: &ProxyContact| {
@@ -94,8 +102,8 @@ impl Manifold {
     }
 }
 
-/// Weight of the contact of the same pair of patches that is nearest to an earlier one, among contacts sorted by pairs, and its distance
-/// from that on the proxy, m.
+/// Finds the contact nearest to an earlier one of the same pair of patches, among contacts sorted by pairs.
+/// Returns its weight and its distance from the earlier one on the proxy, m.
 fn nearest_of_pair(found: &[ProxyContact], earlier: &ProxyContact) -> Option<(f64, f64)> {
     let pair = earlier.pair();
     let first = found.partition_point(|found| found.pair() < pair);
@@ -126,7 +134,7 @@ mod tests {
         contact(pair, point, point, 0.0)
     }
 
-    /// As a block rocks, its contact jumps from corner to corner: both hold it from then on.
+    /// The contact of a rocking block jumps from corner to corner; afterwards both corners have a contact.
     #[test]
     fn a_contact_that_jumps_to_another_corner_persists() {
         let mut manifold = Manifold::new(TOLERANCE);
@@ -135,18 +143,18 @@ mod tests {
         manifold.weigh(&[right]);
         let [kept] = manifold.contacts() else { panic!("{} contacts", manifold.contacts().len()) };
         assert_eq!((kept.contact.contact.point, kept.contact.weight), (DVec3::X * -0.01, 1.0));
-        // One that creeps, or is of another pair, does not.
+        // A contact that creeps, or is of another pair, does not persist.
         let mut still = Manifold::new(TOLERANCE);
         still.keep_jumped(&[left], &[at(3, DVec3::X * (-0.01 + 0.2 * TOLERANCE))]);
         still.keep_jumped(&[left], &[at(4, DVec3::X * 0.01)]);
         assert!(still.contacts().is_empty());
-        // Nor one that was apart.
+        // Nor does one that was more than d apart.
         still.keep_jumped(&[contact(3, DVec3::ZERO, DVec3::ZERO, -1.1 * TOLERANCE)], &[right]);
         assert!(still.contacts().is_empty());
     }
 
     #[test]
-    fn it_fades_as_it_slides_and_is_forgotten_beyond_the_tolerance() {
+    fn a_contact_fades_as_it_slides_and_is_removed_beyond_the_tolerance() {
         for (slid, weight) in [(0.0, Some(1.0)), (0.25, Some(0.75)), (0.75, Some(0.25)), (1.0, None)] {
             let mut manifold = Manifold::new(TOLERANCE);
             let place = DVec3::Y * slid * TOLERANCE;
@@ -164,9 +172,9 @@ mod tests {
         assert!(apart.contacts().is_empty());
     }
 
-    /// Where the patches touch again at the same place, the persistent contact has no weight of its own.
+    /// If the patches touch at the same place again, the persistent contact has no weight.
     #[test]
-    fn it_weighs_nothing_where_the_patches_touch_now() {
+    fn a_persistent_contact_has_no_weight_at_the_present_one() {
         let mut manifold = Manifold::new(TOLERANCE);
         manifold.keep(at(1, DVec3::ZERO));
         for (aside, weight) in [(0.0, 0.0), (0.5, 0.5), (2.0, 1.0)] {

@@ -1,19 +1,20 @@
-//! The proxy: where the grasped object would be if it could not pass through surfaces (§5.6.1).
+//! The proxy: a copy of the grasped object that does not pass through surfaces (§5.6.1).
 //!
-//! Penalty forces know only the object's present pose: once it is deeper in a thin wall than half of that, or was carried
-//! across between two contact queries, the nearest way out is the wrong one. The proxy is moved from where it was towards
-//! the object, in steps of which none goes further than the known contacts allow, and stops where it
-//! would penetrate more than a trace. From there it slides on as far as the surfaces let it: a [god-object](follow). The contacts are
-//! those of the proxy, and their planes push the object back to it. Contacts that jump between the same two patches
-//! [persist](manifold).
+//! Penalty forces depend on the object's present pose only. Once it is deeper in a thin wall than half the
+//! wall's thickness, or has crossed the wall between two contact queries, the shortest direction out is the
+//! wrong one. The proxy moves from its last pose towards the object, in steps that go no further than the
+//! known contacts allow, and stops before it penetrates more than a small allowed depth. From there it slides
+//! along the surfaces: a [god-object](follow). The contacts are those of the proxy, and their planes push the
+//! object back to it. Contacts that jump between the same two patches [persist](manifold).
 //!
-//! Scene objects that move take along what was found of them, and the proxy goes out of their way before it follows. Where it
-//! cannot, between two that close on it, or where an object is put over it, it starts anew where the grasped object is.
+//! The contacts with a moving scene object move along with it, and the proxy is pushed clear of the object
+//! before it follows the grasped one. If it cannot, because two objects close on it or an object was put over
+//! it, it restarts at the grasped object.
 //!
-//! The coarse meshes of textured objects may sink into one another by their recess, as far as detail lies back in them.
+//! The coarse meshes of textured objects may sink into one another by their recess.
 //!
-//! Where the object itself penetrates no more than that trace, and has come there without passing anything, it is its own
-//! proxy, with one query a step.
+//! As long as the object itself penetrates no more than the allowed depth, and passed nothing on its path,
+//! the proxy coincides with it, with one query a step.
 
 pub(crate) mod contact;
 pub(crate) mod finder;
@@ -28,23 +29,23 @@ pub(crate) use self::contact::{ProxyContact, carried, motion_between};
 pub(crate) use self::finder::{ContactFinder, LevelFinder, QueryReport};
 use self::manifold::Manifold;
 
-/// Contacts that there is room for from the start.
+/// Number of contacts that there is room for from the start.
 const RESERVED: usize = 512;
 
-/// Whether the proxy is on the side of all surfaces that it came from.
+/// State of the proxy: whether it is known to be on the side of all surfaces that it came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Side {
-    /// There is no proxy: it is always where the object is.
+    /// There is no proxy: it always coincides with the object.
     Disabled,
-    /// The proxy penetrates, and begins anew at the object.
+    /// The proxy penetrates too deep, and restarts at the object.
     Unknown,
-    /// The proxy penetrates no more than a trace.
+    /// The proxy penetrates no more than the allowed depth.
     Kept,
-    /// The same, but the scene has changed since: the proxy has to give way first.
+    /// The scene has changed since the side was kept: the proxy has to be pushed clear first.
     Disturbed,
 }
 
-/// The proxy, and what it touches.
+/// The proxy with its contacts.
 #[derive(Clone, Debug)]
 pub(crate) struct Proxy {
     body: Body,
@@ -59,14 +60,15 @@ pub(crate) struct Proxy {
     side: Side,
     /// Pose of the centre of mass.
     pose: Pose,
-    /// Bound on the distance of any point of the object from the same point of the proxy after the last step, m.
+    /// Bound on the distance of any point of the object from the same point of the proxy after the last step,
+    /// m.
     lag: f64,
-    /// All contacts within the reach (m) there, by pairs of patches.
+    /// All contacts at the pose, within the reach (m), sorted by pairs of patches.
     found: Vec<ProxyContact>,
     reach: f64,
-    /// The contacts before those.
+    /// Contacts at the pose before.
     before: Vec<ProxyContact>,
-    /// Persistent contacts, as the present pose has them.
+    /// Persistent contacts, carried to the present pose.
     manifold: Manifold,
     limits: Vec<MotionLimit>,
     multipliers: Vec<f64>,
@@ -104,12 +106,13 @@ impl Proxy {
         &self.pose
     }
 
-    /// Bound on the distance of any point of the object from the same point of the proxy after the last step, m.
+    /// Bound on the distance of any point of the object from the same point of the proxy after the last step,
+    /// m.
     pub fn lag(&self) -> f64 {
         self.lag
     }
 
-    /// Contacts at the proxy, within the reach last asked for, and the persistent ones.
+    /// Contacts at the proxy within the last reach, and the persistent ones.
     pub fn contacts(&self) -> impl Iterator<Item = &ProxyContact> {
         self.found.iter().chain(self.manifold.contacts())
     }
@@ -129,14 +132,15 @@ impl Proxy {
         self.recesses = recesses;
     }
 
-    /// Forgets the contacts: the scene has changed.
+    /// Discards the contacts: the scene has changed.
     pub fn scene_has_changed(&mut self) {
         self.disturb();
         self.found.clear();
         self.manifold.clear();
     }
 
-    /// Takes the contacts with a scene object along that has moved from one pose to another, so that they stay on its side.
+    /// Moves the contacts with a scene object along as it moves from one pose to another, so that they stay
+    /// on its surface.
     pub fn object_has_moved(&mut self, object: usize, from: &Pose, to: &Pose) {
         self.disturb();
         let motion = *to * from.inverse();

@@ -10,7 +10,8 @@ use super::*;
 const TOLERANCE: f64 = 1e-3;
 const RADIUS: f64 = 0.01;
 
-/// A ball against planes `normal · x ≥ offset`, each a scene object that contacts are found with within the reach.
+/// A ball against planes `normal · x ≥ offset`, each a scene object that contacts are found with within the
+/// reach.
 struct Planes {
     planes: Vec<(DVec3, f64)>,
     reach: f64,
@@ -107,9 +108,9 @@ fn it_stays_before_a_wall_that_the_object_has_passed() {
     }
 }
 
-/// What a moving plane comes at gives way, and is on its side still.
+/// A plane that moves against the proxy pushes it along and is not passed.
 #[test]
-fn it_gives_way_to_a_plane_that_moves() {
+fn it_is_pushed_by_a_plane_that_moves() {
     let mut planes = Planes::new(&[(DVec3::Z, 0.0)]);
     let mut proxy = proxy(true);
     let goal = at(0.0, RADIUS);
@@ -125,9 +126,9 @@ fn it_gives_way_to_a_plane_that_moves() {
     }
 }
 
-/// Between two planes that close on it there is no place: it begins anew at the object, and has a side again when they open.
+/// Between two closing planes it restarts at the object, and its side is known again when they open.
 #[test]
-fn between_closing_planes_it_begins_anew() {
+fn between_closing_planes_it_restarts() {
     let mut planes = Planes::new(&[(DVec3::Z, -RADIUS), (DVec3::NEG_Z, -RADIUS)]);
     let mut proxy = proxy(true);
     let goal = at(0.0, 0.0);
@@ -143,7 +144,7 @@ fn between_closing_planes_it_begins_anew() {
     assert_eq!(proxy.side, Side::Kept);
 }
 
-/// The coarse mesh of a textured object lets it in by the recess, and no further.
+/// It sinks into the coarse mesh of a textured object by the recess, and no further.
 #[test]
 fn a_recess_lets_it_sink_in_by_as_much() {
     let mut planes = Planes::new(&[(DVec3::Z, 0.0)]);

@@ -1,4 +1,4 @@
-//! A device's readings, one after another, and what comes of each.
+//! Sequences of device readings with known outcomes.
 
 use palpate_core::glam::DQuat;
 
@@ -16,7 +16,8 @@ fn reading(time: f64, x: f64) -> DeviceState {
     DeviceState { time, pose, twist: Twist::new(DVec3::Y, DVec3::ZERO), buttons: 0, status: Status::OK }
 }
 
-/// Takes `count` readings of a handle that moves at a speed (m/s), from a step on; the last one.
+/// Takes `count` readings of a handle that moves at a speed (m/s), from a step on, and returns the outcome of
+/// the last.
 fn move_on(tracking: &mut Tracking, from: u32, count: u32, speed: f64) -> Reading {
     let mut events = Events::default();
     let mut last = Reading::Lost;
@@ -29,7 +30,7 @@ fn move_on(tracking: &mut Tracking, from: u32, count: u32, speed: f64) -> Readin
 }
 
 #[test]
-fn the_first_reading_is_a_beginning_and_the_next_are_good() {
+fn the_first_reading_has_no_displacement_and_the_next_are_good() {
     let mut tracking = tracking((0.0, 0.0));
     assert_eq!(move_on(&mut tracking, 1, 1, 0.1), Reading::Back);
     assert_eq!(tracking.displacement().linear, DVec3::ZERO);
@@ -39,9 +40,10 @@ fn the_first_reading_is_a_beginning_and_the_next_are_good() {
     assert_eq!(tracking.damped_state().twist.linear, DVec3::Y);
 }
 
-/// With a lag τ the velocity is that of positions through a filter of first order: 1 − (1 + T/τ)⁻ⁿ of it after n periods T.
+/// With a lag τ the velocity is that of positions through a first-order filter: 1 − (1 + T/τ)⁻ⁿ of it after n
+/// periods T.
 #[test]
-fn the_velocity_lags_as_it_is_told() {
+fn the_velocity_has_the_given_lag() {
     let (lag, speed) = (5e-3, 0.2);
     let mut tracking = tracking((lag, lag));
     move_on(&mut tracking, 1, 1, speed);
@@ -53,8 +55,8 @@ fn the_velocity_lags_as_it_is_told() {
     }
 }
 
-/// Readings that are not finite, that the driver holds, or that no hand could make are replaced by the last good one, at rest; after 10 ms
-/// the device counts as lost, and comes back with a beginning.
+/// Readings that are not finite, that the driver holds, or that no hand could make are replaced by the last
+/// good one, at rest; after 10 ms the device counts as lost.
 #[test]
 fn bad_readings_are_held_and_then_lost() {
     let mut held = reading(0.0, 0.0);
@@ -67,7 +69,7 @@ fn bad_readings_are_held_and_then_lost() {
         let last = tracking.state().pose;
         let mut events = Events::default();
         for n in 1..=20 {
-            // A jump goes on jumping, so that it is never believed.
+            // The pose keeps jumping, so that it is never accepted.
             let mut state = bad;
             state.pose.translation.x += f64::from(n % 2);
             let found = tracking.take(Some(&state), PERIOD, &mut events);
@@ -90,9 +92,9 @@ fn a_device_that_does_not_answer_is_lost_at_once() {
     assert_eq!(tracking.take(Some(&reading(7e-3, 7e-4)), PERIOD, &mut events), Reading::Back);
 }
 
-/// A place that the device has jumped to is believed after five readings there, with a beginning.
+/// A pose that the device has jumped to is accepted after five readings there, without a displacement.
 #[test]
-fn a_lasting_jump_is_believed() {
+fn a_lasting_jump_is_accepted() {
     let mut tracking = tracking((0.0, 0.0));
     move_on(&mut tracking, 1, 10, 0.0);
     let mut events = Events::default();
@@ -104,7 +106,7 @@ fn a_lasting_jump_is_believed() {
     assert_eq!(tracking.state().pose.translation.x, 1.0);
 }
 
-/// The same reading once more, by its stamp, is neither rest nor news: it goes on for 25 ms.
+/// A reading with the stamp of the one before keeps the velocity for 25 ms.
 #[test]
 fn a_stale_reading_holds_the_velocity() {
     let mut tracking = tracking((1e-3, 1e-3));
