@@ -48,7 +48,7 @@ struct Measured {
     durations: Vec<f64>,
     /// Numbers of planes in the contact models.
     planes: Vec<f64>,
-    held_back: u64,
+    proxy_engaged: u64,
     /// Smallest energy at the port, J.
     energy_min: f64,
     /// 99.9th percentile of the change of force in a step, N.
@@ -170,7 +170,7 @@ fn print_row(name: &str, slow: &Measured, to_fast: [f64; 3], to_reference: [f64;
         slow.jump,
         rms_above(20.0, &slow.forces),
         1e3 * slow.energy_min,
-        slow.held_back,
+        slow.proxy_engaged,
     );
 }
 
@@ -264,9 +264,9 @@ fn render(scenario: &Scenario, settings: Settings, every: usize) -> Result<Measu
     }
     let jumps: Vec<f64> = forces.windows(2).map(|two| two[0].distance(two[1])).collect();
     let jump = quantile(&jumps, 0.999);
-    let held_back = contact.telemetry().events.held_back;
+    let proxy_engaged = contact.telemetry().events.proxy_engaged;
     let (energy_min, depth_max) = (haptic.telemetry().energy_min, haptic.telemetry().depth_max);
-    Ok(Measured { forces, durations, planes, held_back, energy_min, jump, depth_max })
+    Ok(Measured { forces, durations, planes, proxy_engaged, energy_min, jump, depth_max })
 }
 
 /// Median and 95th percentile of the relative difference, %, and 95th percentile of the angle, °.

@@ -50,7 +50,7 @@ pub const EVENTS: [(&str, &str); 32] = [
         "the passivity controller added damping because more energy came out of the session than went in",
     ),
     (
-        "held_back",
+        "proxy_engaged",
         "contacts pushed the object back because it was too deep in a surface or had passed through one",
     ),
     (

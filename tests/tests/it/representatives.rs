@@ -71,7 +71,7 @@ fn a_model_pushes_by_the_force_law() {
         let wanted = query.wrench(&mesh, stiffness).about(body.pose.translation - mesh.translation);
         let found = update.model.wrench(&body);
         let size = wanted.force.length();
-        if contacts.telemetry().events.held_back > 0 || size < 1e-3 {
+        if contacts.telemetry().events.proxy_engaged > 0 || size < 1e-3 {
             continue;
         }
         pushed += 1;

@@ -245,7 +245,7 @@ impl ContactLoop {
         events.contact_overflow += report.dropped as u64;
         events.contact_refused += u64::from(report.refused);
         events.not_converged += report.not_converged as u64;
-        events.held_back += u64::from(proxy.pose() != goal);
+        events.proxy_engaged += u64::from(proxy.pose() != goal);
     }
 
     /// The groups of contacts: that of all still objects, then those of each moving object.

@@ -147,7 +147,7 @@ events! {
     damped,
     /// A contact step in which the grasped object was deeper in a surface than its proxy may be, or had been
     /// carried past a surface, so that contacts pushed it back.
-    held_back,
+    proxy_engaged,
     /// A textured contact slid by more than a texel of its grid between two contact steps, so that its detail
     /// is felt at another frequency or not at all: raise the contact rate, or make the texture coarser.
     texture_undersampled,
