@@ -34,7 +34,7 @@ pub mod explore;
 pub mod guide;
 mod haptic;
 mod run;
-mod scene;
+pub mod scene;
 pub mod settings;
 pub mod telemetry;
 pub mod tool;
@@ -58,25 +58,34 @@ pub use palpate_realtime as threads;
 pub use palpate_texture_pd as texture_pd;
 pub use run::builder::RendererBuilder;
 pub use run::hosted::{HostedSession, HostedStepper};
-pub use run::lateness::{WakeLateness, measure_wake_lateness};
 pub use run::lockstep::{ContactTiming, LockstepSession};
-pub use run::machine::{MachineLoad, MachineSample};
 pub use run::renderer::HapticRenderer;
-pub use run::session::{Clock, ContactSummary, HapticSummary, RealtimeSetup, Session, Summary};
+pub use run::session::{Session, Summary};
 pub use run::settings_editor::SettingsEditor;
 pub use run::spawn::{RunningSession, SessionHandle};
 pub use scene::cache::cache_folder;
 pub use scene::editor::SceneEditor;
 #[cfg(feature = "scene-files")]
-pub use scene::file::{ObjectEntry, SceneFile};
+pub use scene::file::SceneFile;
 pub use scene::moving::DynamicBody;
-pub use scene::object::{NamedMesh, Object, OpenOptions, open_mesh};
+pub use scene::object::{Object, OpenOptions, open_mesh};
 pub use scene::placement::HandlePlacement;
-pub use scene::{Placed, Scene, SceneId};
+pub use scene::{Scene, SceneId};
 pub use settings::Settings;
 pub use telemetry::Events;
 pub use telemetry::record::Recorded;
 pub use telemetry::record::{Record, RecordWriter};
+
+/// Load of the machine during a session, and how late it wakes a thread.
+pub mod machine {
+    pub use crate::run::lateness::{WakeLateness, measure_wake_lateness};
+    pub use crate::run::machine::{MachineLoad, MachineSample};
+}
+
+/// Parts of a session's [`Summary`], and the clock that it ran by.
+pub mod summary {
+    pub use crate::run::session::{Clock, ContactSummary, HapticSummary, RealtimeSetup};
+}
 
 /// Errors of the facade.
 pub mod errors {

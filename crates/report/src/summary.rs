@@ -1,7 +1,8 @@
 //! Summary of a session in words: first what was felt, then how well the loops kept up.
 
+use palpate::Summary;
+use palpate::summary::RealtimeSetup;
 use palpate::telemetry::Percentiles;
-use palpate::{RealtimeSetup, Summary};
 
 use crate::events::happened;
 use crate::grouped;
@@ -116,8 +117,9 @@ fn times(count: u64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use palpate::Events;
+    use palpate::summary::{ContactSummary, HapticSummary};
     use palpate::threads::{Outcome, Role, State, ThreadSetup};
-    use palpate::{ContactSummary, Events, HapticSummary};
 
     use super::*;
 

@@ -143,7 +143,10 @@ fn sheet_is_pressed_stroked_and_left_over_its_edge() {
     for rate in [1000.0, 200.0] {
         let (session, records) =
             render(&probe, &plate(thickness), path.clone(), Settings::default(), (8.0, rate));
-        assert!(session.contact.events.proxy_engaged > 100, "the proxy is never elsewhere, and nothing is shown");
+        assert!(
+            session.contact.events.proxy_engaged > 100,
+            "the proxy is never elsewhere, and nothing is shown"
+        );
         let at = |time: f64| &records[(time * 1000.0) as usize];
         let pressed = at(1.9);
         assert!(pressed.coupling.force.z > 3.0, "{rate} Hz: {} N", pressed.coupling.force);

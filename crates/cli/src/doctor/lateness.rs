@@ -1,6 +1,6 @@
 //! How late the machine's timer wakes a thread that sleeps as the haptic thread does.
 
-use palpate::WakeLateness;
+use palpate::machine::WakeLateness;
 use serde::Serialize;
 
 use super::finding::{Finding, Verdict};
@@ -138,7 +138,7 @@ mod tests {
     use super::*;
 
     fn measured(microseconds: &[u64], missed: u64) -> WakeLateness {
-        let mut measured = palpate::measure_wake_lateness(RATE, 0.0);
+        let mut measured = palpate::machine::measure_wake_lateness(RATE, 0.0);
         for microsecond in microseconds {
             measured.lateness.record(1000 * microsecond);
         }

@@ -44,7 +44,7 @@ pub fn run(arguments: &DoctorArguments) -> Result<(), Failure> {
         ("libraries of device makers", libraries::finding),
         ("cache of hierarchies", cache::finding),
     ]);
-    let measured = palpate::measure_wake_lateness(lateness::RATE, lateness::SECONDS);
+    let measured = palpate::machine::measure_wake_lateness(lateness::RATE, lateness::SECONDS);
     let lateness = Lateness::new(&measured);
     let findings = vec![
         privileges::finding(&measured.setup),

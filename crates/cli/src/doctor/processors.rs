@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use palpate::MachineLoad;
+use palpate::machine::MachineLoad;
 
 use super::finding::{Finding, Verdict};
 

@@ -13,6 +13,10 @@ pub(crate) mod walls;
 
 use palpate_core::Pose;
 
+#[cfg(feature = "scene-files")]
+pub use self::file::ObjectEntry;
+pub use self::object::NamedMesh;
+
 use crate::scene::object::Object;
 
 /// Objects that the grasped one can touch, at their initial poses.
