@@ -25,7 +25,8 @@ impl SupportAreas {
 /// Values of a node that the refinement test reads.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Detail {
-    /// φ = s/r² (Eq. 3.6), m³: 0 at full resolution, infinite on free levels, which always have to be refined.
+    /// φ = s/r² (Eq. 3.6), m³: 0 at full resolution, infinite on free levels, which always have to be
+    /// refined.
     pub missing: f64,
     /// Resolution of the children's level, 1/m: 0 if that is free, infinite without children.
     pub child_resolution: f64,

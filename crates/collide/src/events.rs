@@ -81,7 +81,8 @@ impl CollisionEvents {
     /// before. Surfaces that were further apart than d then count as d apart. Contacts with nodes that are
     /// not the objects' are passed over, and so are those that are not finite.
     ///
-    /// Without a beginning there are no events. Allocates only while there are more contacts than ever before.
+    /// Without a beginning there are no events. Allocates only while there are more contacts than ever
+    /// before.
     pub fn step(&mut self, contacts: &[PatchContact], tolerance: f64) -> &[CollisionEvent] {
         self.events.clear();
         self.after.clear();

@@ -21,7 +21,8 @@
 //!
 //! 1. `tolerances`, `error`, `ball`, `disjoint_sets`, `contact`, `detail`: numbers and plain data
 //! 2. `convex`: distance and penetration of two hulls
-//! 3. `motion`, `patch`, `patchwork`: how far bodies have moved; what of a hull is real surface; whole surfaces
+//! 3. `motion`, `patch`, `patchwork`: how far bodies have moved; what of a hull is real surface; whole
+//!   surfaces
 //! 4. `shape`: a hierarchy prepared for queries
 //! 5. `query`, `contact_set`, `clustering`, `events`: what is done with pairs of shapes, and with their
 //!    contacts

@@ -1,10 +1,10 @@
-//! Which part of a hull is real surface.
+//! Convex surface patches: the parts of a hull that are real surface.
 //!
 //! The hull of a convex surface patch has real faces, the patch's triangles, and virtual ones, as in SWIFT++
-//! (Ehmann and Lin 2001). The dissertation does not say what to do with a witness point on a virtual face;
-//! here a witness counts when it lies on a triangle that faces the other object. A solid's triangle seen from
-//! behind is no place of contact: the solid itself is in between. An open mesh has no inside, and both sides
-//! of its triangles count.
+//! (Ehmann and Lin 2001). The dissertation does not specify how to treat a witness point on a virtual face;
+//! here a witness point counts if it lies on a triangle that faces the other object. A solid cannot be
+//! touched at a triangle seen from behind, since the solid itself is in between. An open mesh has no inside,
+//! and both sides of its triangles count.
 
 use palpate_core::clod::{Node, Triangles};
 use palpate_core::glam::DVec3;
@@ -23,7 +23,7 @@ pub(crate) struct Patch<'a> {
     pub triangles: Triangles<'a>,
     pub center: DVec3,
     pub radius: f64,
-    /// Whether the triangles cover the hull, to the last bit.
+    /// Whether the triangles cover the whole hull.
     pub all_real: bool,
     /// Whether the hull lies in the solid that the patch bounds.
     pub contained: bool,
@@ -87,11 +87,11 @@ impl Prism {
     }
 }
 
-/// The triangle of a patch of a single one.
+/// The triangles of a patch of one triangle.
 const ONE: &[[u32; 3]] = &[[0, 1, 2]];
 
-/// The triangles at each vertex of a patch: per vertex, where its triangles start, with one more at the end;
-/// and those. In as few bytes as there are triangles for.
+/// The triangles at each vertex of a patch: for each vertex the start of its range, with one more at the end,
+/// and the triangles of all ranges. Indices take two bytes if that is enough.
 #[derive(Clone, Debug)]
 pub(crate) enum Incidence {
     Shorts { starts: Box<[u16]>, triangles: Box<[u16]> },
@@ -99,7 +99,7 @@ pub(crate) enum Incidence {
 }
 
 impl Incidence {
-    /// Number of triangles from which on looking them up by vertex is faster than going through them.
+    /// Smallest number of triangles for which looking them up by vertex is faster than testing all.
     pub const WORTHWHILE: usize = 24;
 
     pub fn new(vertices: usize, triangles: Triangles) -> Self {
@@ -126,20 +126,12 @@ impl Incidence {
         }
     }
 
-    /// Bytes of memory held, besides itself.
+    /// Memory held, bytes, without itself.
     pub fn bytes(&self) -> usize {
         match self {
             Self::Shorts { starts, triangles } => size_of_val(&**starts) + size_of_val(&**triangles),
             Self::Words { starts, triangles } => size_of_val(&**starts) + size_of_val(&**triangles),
         }
-    }
-
-    /// Calls `each` with the triangles at a vertex.
-    fn each_around(&self, vertex: u32, mut each: impl FnMut(usize)) {
-        self.any_around(vertex, |triangle| {
-            each(triangle);
-            false
-        });
     }
 
     /// Whether some triangle at a vertex fulfils a condition.
@@ -161,18 +153,18 @@ impl Incidence {
 /// Kind of surface at a point of a hull.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Surface {
-    /// A triangle that faces the direction asked about.
+    /// A triangle that faces the direction.
     Front,
-    /// Triangles, all turned away.
+    /// Triangles that all face away.
     Back,
-    /// No triangle, but one so close that it depends on how exactly the patch is convex.
+    /// No triangle, but one so close that the patch's deviation from convexity decides.
     Near,
     /// No triangle.
     Virtual,
 }
 
 impl<'a> Patch<'a> {
-    /// The patch of a node. `exact`: its triangles' planes have all of its vertices below them, to rounding.
+    /// The patch of a node. `exact`: no vertex is above its triangles' planes, up to rounding.
     pub fn of_node(
         clod: &'a Clod,
         node: &Node,
@@ -215,7 +207,7 @@ impl<'a> Patch<'a> {
     /// A triangle's corners, m.
     #[inline]
     pub fn corners(&self, triangle: [u32; 3]) -> [DVec3; 3] {
-        // Spelt out: as a map it is not inlined.
+        // Written out, since a map is not inlined.
         let [i, j, k] = triangle;
         [self.vertices.point(i), self.vertices.point(j), self.vertices.point(k)]
     }
@@ -225,7 +217,7 @@ impl<'a> Patch<'a> {
         Plane::of(self.corners(triangle))
     }
 
-    /// Whether the hull is nothing but real surface (of either side).
+    /// Whether the patch is a single triangle, so that the hull is real surface only (on both sides).
     pub fn is_single_triangle(&self) -> bool {
         self.triangles.len() == 1 && self.vertices.len() == 3
     }
@@ -238,7 +230,7 @@ impl<'a> Patch<'a> {
 
     /// The kind of surface at a point of the hull (body frame, m), seen from a direction (unit, body axes,
     /// known to within the angle `slack`). `carriers`: hull vertices that the point is a combination of, if
-    /// known. `near`: distance up to which a triangle is near, m.
+    /// known. `near`: largest distance of a triangle that is near, m.
     pub fn surface_at(
         &self,
         point: DVec3,
@@ -253,8 +245,8 @@ impl<'a> Patch<'a> {
         let on = ON_TRIANGLE * self.radius + precision;
         let near = near.max(on);
         let mut surface = Surface::Virtual;
-        // A triangle that is near has a corner that reaches as far along the direction as the point, but for
-        // that much. Heights are known to rounding only.
+        // A triangle that is near has a corner at least as high along the direction as the point minus
+        // `near`, up to rounding.
         let low = direction.dot(point) - near - PRECISION * self.radius - precision;
         self.each_high(direction, low, |triangle| {
             let corners = self.corners(triangle);
@@ -272,25 +264,27 @@ impl<'a> Patch<'a> {
         surface
     }
 
-    /// Calls `each` once with every triangle that has a corner at least as high along a direction as `low`, m.
+    /// Calls `each` once with every triangle that has a corner at least as high along a direction as `low`,
+    /// m.
     #[inline]
     fn each_high(&self, direction: DVec3, low: f64, mut each: impl FnMut([u32; 3])) {
         match self.incidence {
             Some(incidence) => {
                 let is_high = |vertex: u32| self.vertices.point(vertex).dot(direction) >= low;
                 self.vertices.each_beyond(direction, low, |vertex, _| {
-                    incidence.each_around(vertex, |index| {
-                        // At the first of its corners that is high.
+                    incidence.any_around(vertex, |index| {
+                        // Each triangle is passed at the first of its corners that is high.
                         let triangle = self.triangles.at(index);
                         let mut earlier = triangle.into_iter().take_while(|corner| *corner != vertex);
                         if !earlier.any(is_high) {
                             each(triangle);
                         }
+                        false
                     });
                 });
             }
             None => {
-                // A bit a vertex; patches that have no incidence have few.
+                // One bit for each vertex: patches without incidence have few.
                 let mut high = 0u128;
                 self.vertices
                     .each_beyond(direction, low, |vertex, _| high |= 1u128.checked_shl(vertex).unwrap_or(0));
@@ -306,36 +300,33 @@ impl<'a> Patch<'a> {
         }
     }
 
-    /// Whether some triangle that faces a direction has all of these vertices, and so whatever point they
-    /// combine to.
+    /// Whether some triangle that faces a direction has all of these vertices, and so every convex
+    /// combination of them.
     fn carried(&self, direction: DVec3, slack: f64, mut carriers: impl Iterator<Item = u32> + Clone) -> bool {
         let Some(first) = carriers.next() else { return false };
-        let carries = |triangle: [u32; 3]| {
-            triangle.contains(&first)
-                && carriers.clone().all(|vertex| triangle.contains(&vertex))
+        self.any_at(first, |triangle| {
+            carriers.clone().all(|vertex| triangle.contains(&vertex))
                 && self.faces(self.plane(triangle).normal, direction, slack)
-        };
-        match self.incidence {
-            Some(incidence) => incidence.any_around(first, |index| carries(self.triangles.at(index))),
-            None => self.triangles.any(carries),
-        }
+        })
     }
 
-    /// Whether some triangle at vertex `vertex` of the hull can be touched from a direction (unit, body axes).
+    /// Whether some triangle at a vertex of the hull can be touched from a direction (unit, body axes).
     pub fn vertex_faces(&self, vertex: u32, direction: DVec3) -> bool {
-        let facing = |triangle: [u32; 3]| self.plane(triangle).normal.dot(direction) >= -FACING;
-        if self.two_sided {
-            return true;
-        }
+        self.two_sided
+            || self.any_at(vertex, |triangle| self.plane(triangle).normal.dot(direction) >= -FACING)
+    }
+
+    /// Whether some triangle at a vertex fulfils a condition.
+    fn any_at(&self, vertex: u32, mut condition: impl FnMut([u32; 3]) -> bool) -> bool {
         match self.incidence {
-            Some(incidence) => incidence.any_around(vertex, |index| facing(self.triangles.at(index))),
-            None => self.triangles.any(|triangle| triangle.contains(&vertex) && facing(triangle)),
+            Some(incidence) => incidence.any_around(vertex, |index| condition(self.triangles.at(index))),
+            None => self.triangles.any(|triangle| triangle.contains(&vertex) && condition(triangle)),
         }
     }
 }
 
-/// Whether a point may be within `reach` of a triangle, m.
-fn in_box(point: DVec3, [p, q, r]: [DVec3; 3], reach: f64) -> bool {
+/// Whether a point may be within `reach` (m) of a triangle, by the triangle's bounding box.
+pub(crate) fn in_box(point: DVec3, [p, q, r]: [DVec3; 3], reach: f64) -> bool {
     let (low, high) = (p.min(q).min(r) - reach, p.max(q).max(r) + reach);
     !(point.cmplt(low).any() || point.cmpgt(high).any())
 }
@@ -347,9 +338,9 @@ pub(crate) fn distance_to_triangle(corners: [DVec3; 3], point: DVec3) -> f64 {
     (u * p + v * q + w * r).length()
 }
 
-/// A contact in the probe's frame from the two nearest points of separated surfaces, and the vector from b to
-/// a between them, whose direction may be known better than from the points. Returns it with the angle to
-/// which its normal is known, rad.
+/// Makes a contact in the probe's frame from the two nearest points of separated surfaces and the vector from
+/// b to a between them, whose direction may be more accurate than that of the points. Also returns the
+/// accuracy of the normal, rad.
 pub(crate) fn separated(on_a: DVec3, on_b: DVec3, axis: DVec3, precision: f64) -> (Contact, f64) {
     let distance = on_a.distance(on_b);
     let contact = Contact { point: on_a, scene_point: on_b, normal: -axis.normalize(), depth: -distance };

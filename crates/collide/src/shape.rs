@@ -126,7 +126,8 @@ impl Shape {
         &self.0.clod
     }
 
-    /// The largest tolerance d of contact queries that have this shape as their probe, m: its bounding radius.
+    /// The largest tolerance d of contact queries that have this shape as their probe, m: its bounding
+    /// radius.
     ///
     /// Contacts stand for places where surfaces touch or are about to. With a larger d nearly every pair of
     /// patches would be one, and their number, with the memory for them, would grow with the product of both

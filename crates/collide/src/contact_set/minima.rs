@@ -1,8 +1,7 @@
-//! Whether a separated contact is a local minimum of the distance between two surfaces.
+//! The test whether a separated contact is a local minimum of the distance between two surfaces.
 //!
-//! The surfaces at a contact's points are the triangles that meet there, of whichever patches. The contact is
-//! no minimum if a triangle at one point is closer to the other point, or a triangle at one closer to a
-//! triangle at the other.
+//! The surfaces at a contact's points are the triangles that meet there, of any patches. The contact is not a
+//! minimum if a triangle at one point is closer to the other point, or to a triangle at the other point.
 
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
@@ -10,6 +9,7 @@ use palpate_core::glam::DVec3;
 use super::sides::Side;
 use crate::contact::PatchContact;
 use crate::convex::{Hull, Limits, Placement, Separation, Start, gjk, nearest_on_triangle};
+use crate::patch::in_box;
 use crate::patchwork::{NearestSearch, Patchwork};
 use crate::tolerances::SAME_POINT;
 
@@ -31,13 +31,13 @@ pub(crate) struct MinimumTest {
 }
 
 impl MinimumTest {
-    /// Sizes of the buffers, which show whether one has grown.
+    /// Capacities of the buffers, which show whether one has grown.
     pub fn capacities(&self) -> [usize; 3] {
         let [probe, scene] = &self.at_points;
         [probe.capacity(), scene.capacity(), self.search.capacity()]
     }
 
-    /// Bytes of memory held.
+    /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         self.at_points.iter().map(|list| list.capacity() * size_of::<AtPoint>()).sum()
     }
@@ -64,7 +64,7 @@ impl MinimumTest {
         {
             return false;
         }
-        // Where one surface slopes a little, both points together may slide further than either one.
+        // On surfaces that slope a little, both points together may slide further than either one.
         at_probe.iter().all(|a| {
             at_scene.iter().all(|b| {
                 !(a.slides || b.slides)
@@ -76,20 +76,20 @@ impl MinimumTest {
     }
 }
 
-/// Limits of what is closer than a contact.
+/// Lengths that decide whether surfaces are closer than a contact.
 #[derive(Clone, Copy, Debug)]
 struct Undercut {
-    /// Distance up to which points are the same, m.
+    /// Largest distance of points that are the same, m.
     same: f64,
-    /// Distance from which on a nearest point is another one, m.
+    /// Distance beyond which a nearest point differs from the contact's, m.
     slide: f64,
     /// Distance below which surfaces are closer than the contact, m.
     closer: f64,
 }
 
 impl Undercut {
-    /// Whether a triangle at a contact's point on a surface is closer to the other point (both in its frame).
-    /// Lists the triangles that may have the point, of whichever patch, unless one is.
+    /// Whether a triangle at a contact's point on a surface is closer to the other point (both in the
+    /// surface's frame). If none is, lists the triangles of all patches that may have the point.
     fn one_sided(
         &self,
         search: &mut NearestSearch,
@@ -104,7 +104,7 @@ impl Undercut {
         let towards = other - own;
         for &triangle in neighbours.around(found.nearest_vertex(surface)) {
             let corners = neighbours.corners(triangle);
-            // A triangle with the point has closer ones only if one of its corners lies on that side.
+            // A triangle at the point has closer points only if one of its corners lies on that side.
             let slides = corners.iter().any(|corner| (corner - own).dot(towards) > 0.0);
             if slides && !self.has(&corners, own) {
                 continue;
@@ -118,11 +118,9 @@ impl Undercut {
         false
     }
 
-    /// Whether a triangle has a point.
+    /// Whether a point lies on a triangle.
     fn has(&self, corners: &[DVec3; 3], point: DVec3) -> bool {
-        let [p, q, r] = *corners;
-        let in_box = point.clamp(p.min(q).min(r) - self.same, p.max(q).max(r) + self.same) == point;
-        in_box && nearest_on(corners, point).distance(point) <= self.same
+        in_box(point, *corners, self.same) && nearest_on(corners, point).distance(point) <= self.same
     }
 
     /// Whether two triangles, each in its body's frame, are closer to one another.
@@ -134,7 +132,7 @@ impl Undercut {
     }
 }
 
-/// The point of a triangle nearest to another.
+/// The point of a triangle nearest to another point.
 fn nearest_on(corners: &[DVec3; 3], point: DVec3) -> DVec3 {
     let (p, q, r) = (corners[0] - point, corners[1] - point, corners[2] - point);
     let [u, v, w] = nearest_on_triangle(p, q, r);

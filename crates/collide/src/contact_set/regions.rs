@@ -10,7 +10,8 @@
 //!   its ends that fit into the other solid cover it;
 //! - to the pair of patches at the vertex whose other patch is nearest to it.
 //!
-//! The deepest pair of patches counts as well where both hulls are inside their solids, or no vertex is inside.
+//! The deepest pair of patches counts as well where both hulls are inside their solids, or no vertex is
+//! inside.
 
 use palpate_core::clod::Node;
 use palpate_core::glam::DVec3;
@@ -184,7 +185,8 @@ impl Regions {
         }
     }
 
-    /// Looks at the vertices of a side's triangles that may cross the other surface, and on from those inside.
+    /// Looks at the vertices of a side's triangles that may cross the other surface, and on from those
+    /// inside.
     fn look_around(&mut self, side: &Side, measures: &Measures) {
         let (own, other, index) = (side.own, side.other, side.index);
         let neighbours = &own.patchwork().neighbours;

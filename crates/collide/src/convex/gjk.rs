@@ -1,5 +1,5 @@
-//! Distance between two convex hulls: the algorithm of Gilbert, Johnson and Keerthi (1988), as the
-//! dissertation's §3.4.1 cites it, with van den Bergen's bounds (1999).
+//! Distance between two convex hulls: the algorithm of Gilbert, Johnson and Keerthi (1988), cited in §3.4.1,
+//! with van den Bergen's bounds (1999).
 //!
 //! The hulls are apart by the distance of the origin from the Minkowski difference a − b. A simplex of its
 //! vertices moves towards the origin. In each iteration **v** is the simplex's point nearest to the origin,
@@ -9,9 +9,9 @@
 //! - **v** · **w** / |**v**| is a lower bound, since all of a − b lies beyond the plane through **w** across
 //!   **v**.
 //!
-//! So a caller that only asks "further than d?" is answered as soon as either bound decides it. The search
-//! ends when the bounds meet to within [`Limits::precision`], or when no vertex brings the origin closer; the
-//! iterations are bounded, and a gap left then is reported as [`Separation::NotConverged`].
+//! So the query "further apart than d?" ends as soon as either bound decides it. The search ends when the
+//! bounds meet to within [`Limits::precision`], or when no vertex brings the simplex closer to the origin.
+//! The number of iterations is bounded, and a gap that remains is reported as [`Separation::NotConverged`].
 
 use palpate_core::glam::DVec3;
 
@@ -20,7 +20,7 @@ use super::simplex::{Simplex, Vertex};
 use super::support::Hull;
 use crate::tolerances::{AXIS_ROUNDING, CONVERGED_GAP};
 
-/// Most iterations. Polyhedra need a few; round hulls of thousands of vertices some thirty.
+/// Largest number of iterations. Polyhedra need a few; round hulls of thousands of vertices some thirty.
 const MAX_ITERATIONS: u32 = 128;
 
 /// Limits at which a distance query stops.
@@ -29,23 +29,23 @@ pub struct Limits {
     /// Stop as soon as the hulls are known to be further apart than this, m. Hulls that touch to within the
     /// precision never are.
     pub beyond: f64,
-    /// Part of the distance in excess of `beyond` that has to be proven before the search stops there: 0 for
+    /// Share of the distance in excess of `beyond` that has to be proven before the search stops there: 0 for
     /// none, near 1 for all of it.
     pub share: f64,
-    /// Stop as soon as the hulls are known to be at most this far apart, m. A negative number asks for the
-    /// distance itself.
+    /// Stop as soon as the hulls are known to be at most this far apart, m. With a negative number the search
+    /// goes on to the distance itself.
     pub enough: f64,
-    /// Bounds that differ by less are equal, and hulls closer than this touch, m.
+    /// Difference below which bounds are equal, and distance below which hulls touch, m.
     pub precision: f64,
 }
 
 /// The start of a search.
 #[derive(Clone, Copy, Debug)]
 pub enum Start<'a> {
-    /// A guess of the vector from b to a, in a's frame.
+    /// An estimate of the vector from b to a, in a's frame.
     Axis(DVec3),
-    /// Vertices of a and b between which the nearest points were in an earlier query, at another placement:
-    /// at most four pairs. Without any, the search starts along the axis.
+    /// Vertices of a and b at the nearest points of an earlier query at another placement, at most four
+    /// pairs. Without any, the search starts along the axis.
     Vertices(&'a [(u32, u32)], DVec3),
 }
 
@@ -84,7 +84,7 @@ pub struct Distance {
 }
 
 impl Distance {
-    /// The distance of two hulls of which nothing is known.
+    /// The distance of two hulls before the search.
     const UNKNOWN: Self = Self {
         separation: Separation::NotConverged,
         distance: f64::INFINITY,
@@ -99,8 +99,8 @@ impl Distance {
         iterations: 0,
     };
 
-    /// Takes the lower bound that the vertex furthest against the axis gives, if it is larger than that before:
-    /// **v** · **w** / |**v**|. Returns it, m.
+    /// Raises the lower bound to **v** · **w** / |**v**| for the vertex **w** furthest against the axis
+    /// **v**, if that is larger. Returns it, m.
     #[inline]
     fn bound_below(&mut self, vertex: &Vertex) -> f64 {
         let length = self.axis.length();
@@ -129,18 +129,20 @@ pub(super) fn support(a: &Hull, b: &Hull, placement: &Placement, direction: DVec
     Vertex { difference: point_a - placement.point(point_b), a: on_a, b: on_b }
 }
 
-/// The vertex of a − b that two vertices of the hulls make.
+/// The vertex of a − b for two vertices of the hulls.
 pub(super) fn difference(a: &Hull, b: &Hull, placement: &Placement, on_a: u32, on_b: u32) -> Vertex {
     Vertex { difference: a.point(on_a) - placement.point(b.point(on_b)), a: on_a, b: on_b }
 }
 
-/// Finds the distance between hull a and hull b as placed, as far as `limits` asks for it.
+/// Finds the distance between hull a and hull b as placed, up to `limits`.
+///
+/// Invariant: lower bound ≤ distance ≤ |**v**|, and |**v**| decreases in every iteration.
 pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits: &Limits) -> Distance {
     let mut found = Distance::UNKNOWN;
     if start_overlaps(&mut found, a, b, placement, start, limits.precision) {
         return overlapping(found);
     }
-    // A lower bound of a rounding error above 0 does not separate hulls.
+    // A lower bound that exceeds 0 by rounding does not separate hulls.
     let beyond = limits.beyond.max(limits.precision);
     while found.iterations < MAX_ITERATIONS {
         if found.distance <= limits.enough {
@@ -151,14 +153,14 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
         let vertex = support(a, b, placement, -found.axis);
         let lower = found.bound_below(&vertex);
         if lower > beyond {
-            // Until the simplex is a point, its distance is that of the vertex.
+            // While the simplex is empty, the vertex is the only known point of a − b.
             let upper = found.distance.min(vertex.difference.length());
             if lower - beyond >= limits.share * (upper - beyond) {
                 found.separation = Separation::Beyond;
                 return found;
             }
         }
-        // The bounds meet, or the vertex is known: no other one is closer.
+        // The bounds meet, or the vertex is already in the simplex: no other one is closer.
         if found.distance - lower <= limits.precision || found.simplex.contains(&vertex) {
             break;
         }
@@ -173,8 +175,8 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
             found.simplex = simplex;
             return overlapping(found);
         }
-        // In exact arithmetic each vertex brings the simplex closer. Where rounding does not, the simplex
-        // before stays.
+        // In exact arithmetic each vertex brings the simplex closer. If it does not because of rounding, the
+        // previous simplex is kept.
         if length >= found.distance {
             break;
         }
@@ -186,7 +188,7 @@ pub fn distance(a: &Hull, b: &Hull, placement: &Placement, start: Start, limits:
     found
 }
 
-/// Takes up the start of a search. Whether the simplex that it gives has the origin in it.
+/// Sets up the start of a search. Returns whether the start simplex contains the origin.
 #[inline]
 fn start_overlaps(
     found: &mut Distance,
@@ -222,10 +224,11 @@ fn start_overlaps(
     false
 }
 
-/// The relation of two hulls when no vertex brings the simplex closer, or the iterations have run out.
+/// The relation of two hulls after no vertex brought the simplex closer, or the iterations ran out.
 ///
-/// The axis between hulls that almost touch at a vertex or an edge is known to rounding / distance only, and
-/// so is the lower bound, but not the distance itself: the gap between the bounds may be as large as that.
+/// The axis between hulls that almost touch at a vertex or an edge is only accurate to rounding / distance,
+/// and so is the lower bound: the gap between the bounds may be as large, although the distance itself is
+/// exact.
 fn separation_at_end(found: &Distance, beyond: f64, precision: f64) -> Separation {
     let rounding = AXIS_ROUNDING * precision * precision / found.distance;
     if found.distance - found.lower > CONVERGED_GAP * precision + rounding {

@@ -1,5 +1,5 @@
-//! Queries between two convex hulls given by their extreme points: [`gjk`] for the distance of separated hulls,
-//! [`penetration`] for the depth of overlapping ones.
+//! Queries between two convex hulls given by their extreme points: [`gjk`] for the distance of separated
+//! hulls, [`penetration`] for the depth of overlapping ones.
 //!
 //! The hulls keep their own coordinates; a [`Placement`] maps those of the second, **b** (the scene's), into
 //! the frame of the first, **a** (the probe's), in which all results are given. A hull may be degenerate:

@@ -11,15 +11,15 @@
 //! If they differ, **w** becomes a vertex of the polytope: the faces that see it are replaced by a fan around
 //! it.
 //!
-//! It starts from a tetrahedron that the caller has: the last GJK simplex or, between bodies that move a
-//! little, that of the last answer, with the face that was nearest then. Where that face still is, and the
-//! origin lies deep below the other three, a single support point confirms it.
+//! The caller may give a tetrahedron to start from: the last GJK simplex or, for bodies that have moved a
+//! little, that of the last answer, with the face that was nearest then. If that face is still the nearest,
+//! and the origin lies deep below the other three, a single support point confirms it.
 //!
 //! Departures: without such a tetrahedron, or if it is thin, the first one is built from support points
-//! spread in all directions, so that touching and flat hulls need no care (the origin may start outside it;
-//! faces that see it have negative distances and grow first); a Minkowski difference that is itself flat has
-//! depth 0 across its plane; and since the extent of a − b along *any* direction is an upper bound on the
-//! depth, the smallest one seen is kept as the answer, whatever becomes of the polytope numerically.
+//! in all directions, so that touching and flat hulls are no special case (the origin may start outside it;
+//! faces that see it have negative distances and grow first). A Minkowski difference that is flat has
+//! depth 0 across its plane. And since the extent of a − b along *any* direction is an upper bound on the
+//! depth, the smallest one seen is the answer, even if the polytope is spoilt by rounding.
 
 use palpate_core::glam::DVec3;
 
@@ -29,18 +29,19 @@ use super::simplex::{Vertex, nearest_on_triangle};
 use super::support::Hull;
 use crate::tolerances::{COPLANAR_HEIGHT, SLIVER_FACE, THIN_TETRAHEDRON, VISIBLE_HEIGHT};
 
-/// Most vertices of the polytope.
+/// Largest number of vertices of the polytope. With fewer, round hulls have inexact depths.
 const MAX_VERTICES: usize = 256;
-/// Most faces of the polytope: a closed triangulated surface with v vertices has 2v − 4 (Euler).
+/// Largest number of faces of the polytope: a closed triangulated surface with v vertices has 2v − 4 (Euler).
 const MAX_FACES: usize = 2 * MAX_VERTICES;
+/// Index that stands for no face.
 const NONE: u16 = u16::MAX;
 
 /// The answer of a penetration query. Points and directions are in a's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Penetration {
-    /// Depth along [`normal`](Self::normal), m: how far b has to move along it for the hulls to touch only. 0
-    /// when they touch or the Minkowski difference is flat; negative when the hulls are in fact apart along
-    /// the normal.
+    /// Depth along [`normal`](Self::normal), m: the distance that b has to move along it until the hulls only
+    /// touch. 0 if they touch or the Minkowski difference is flat; negative if the hulls are apart along the
+    /// normal.
     pub depth: f64,
     /// Unit normal, pointing out of a.
     pub normal: DVec3,
@@ -48,21 +49,21 @@ pub struct Penetration {
     pub on_a: DVec3,
     /// The point of b that lies deepest in a, m.
     pub on_b: DVec3,
-    /// Bound on how much larger the depth is than the least one, m.
+    /// Bound on the difference between the depth and the least depth, m.
     pub gap: f64,
-    /// Whether the gap closed to within the precision asked for.
+    /// Whether the gap closed to within the requested precision.
     pub converged: bool,
-    /// Whether the Minkowski difference is flat (or less): then the opposite normal would do as well.
+    /// Whether the Minkowski difference is flat (or less): then the opposite normal is equally valid.
     pub flat: bool,
-    /// Vertices of a and b whose differences are a tetrahedron to start from the next time; the first three
-    /// are the nearest face. Of no use if flat.
+    /// Vertices of a and b whose differences are a tetrahedron that the next query may start from; the first
+    /// three are the nearest face. Meaningless if flat.
     pub tetrahedron: [(u32, u32); 4],
 }
 
 /// A triangle of the polytope.
 #[derive(Clone, Copy, Debug)]
 struct Face {
-    /// Counter-clockwise seen from outside.
+    /// Vertices, counter-clockwise seen from outside.
     vertices: [u16; 3],
     /// Neighbour across the edge from vertex i to vertex i + 1.
     neighbours: [u16; 3],
@@ -70,9 +71,9 @@ struct Face {
     normal: DVec3,
     /// Signed distance of the plane from the origin, m; infinite for a sliver without a plane.
     distance: f64,
-    /// Whether it is part of the polytope, rather than replaced.
+    /// Whether the face is part of the polytope, rather than replaced.
     alive: bool,
-    /// Whether it sees the vertex that is being added.
+    /// Whether the face sees the vertex that is being added.
     visible: bool,
 }
 
@@ -81,7 +82,7 @@ struct Face {
 struct HorizonEdge {
     from: u16,
     to: u16,
-    /// The face beyond, and which of its edges this is.
+    /// The face beyond the horizon, and the number of this edge in it.
     beyond: u16,
     back: u8,
 }
@@ -91,13 +92,13 @@ struct HorizonEdge {
 pub struct Polytope {
     vertices: Vec<Vertex>,
     faces: Vec<Face>,
-    /// Places of faces that were replaced.
+    /// Indices of faces that were replaced.
     free: Vec<u16>,
     /// Visible faces of the current expansion.
     visible: Vec<u16>,
-    /// Edges between these and the other faces.
+    /// Edges between the visible and the other faces.
     horizon: Vec<HorizonEdge>,
-    /// Per vertex: the new face whose edge on the horizon starts there, or [`NONE`].
+    /// For each vertex, the new face whose edge on the horizon starts there, or [`NONE`].
     starts: Vec<u16>,
 }
 
@@ -120,9 +121,11 @@ impl Polytope {
         }
     }
 
-    /// Depth and direction of the penetration of hull a and hull b as placed, to within `precision` (m).
-    /// Hulls that do not overlap give a depth that is not positive. `start`: vertices of a and b whose
-    /// differences are a tetrahedron around the origin, or nearly so; anything else is passed over.
+    /// Finds depth and direction of the penetration of hulls a and b as placed, to within `precision` (m).
+    /// Hulls that do not overlap have a depth that is not positive. `start`: vertices of a and b whose
+    /// differences are a tetrahedron around the origin, or nearly so; anything else is ignored.
+    ///
+    /// Invariant: distance of the nearest face ≤ depth ≤ best extent; the loop ends when the two meet.
     pub fn penetration(
         &mut self,
         a: &Hull,
@@ -134,7 +137,8 @@ impl Polytope {
         self.vertices.clear();
         self.faces.clear();
         self.free.clear();
-        let mut best = Candidate { extent: f64::INFINITY, normal: DVec3::X, face: [0; 3] };
+        let (extent, normal, gap) = (f64::INFINITY, DVec3::X, f64::INFINITY);
+        let mut best = Candidate { extent, normal, face: [0; 3], gap, converged: false, flat: false };
         if !self.start_from(a, b, placement, start)
             && let Err(flat_normal) = self.first_tetrahedron(a, b, placement, precision)
         {
@@ -148,33 +152,34 @@ impl Polytope {
                 };
             self.vertices.clear();
             self.vertices.push(vertex);
-            best = Candidate { extent: vertex.difference.dot(normal), normal, face: [0; 3] };
-            return self.answer(a, b, placement, &best, precision, 0.0, true, true);
+            let extent = vertex.difference.dot(normal);
+            best = Candidate { extent, normal, gap: 0.0, converged: true, flat: true, ..best };
+            return self.answer(a, b, placement, &best, precision);
         }
-        let (mut gap, mut converged) = (f64::INFINITY, false);
         while let Some(index) = self.nearest_face() {
             let Face { normal, distance, vertices, .. } = self.faces[index as usize];
             let vertex = support(a, b, placement, normal);
             let extent = vertex.difference.dot(normal);
             if extent < best.extent {
-                best = Candidate { extent, normal, face: vertices };
+                best = Candidate { extent, normal, face: vertices, ..best };
             }
-            gap = best.extent - distance;
-            if gap <= precision {
-                converged = true;
+            best.gap = best.extent - distance;
+            if best.gap <= precision {
+                best.converged = true;
                 break;
             }
             let known = self.vertices.iter().any(|v| v.a == vertex.a && v.b == vertex.b);
             if known || self.vertices.len() == MAX_VERTICES || !self.expand(index, vertex, precision) {
-                // A known vertex beyond its own face, or a torn horizon: rounding. The gap says how much it
-                // matters.
+                // A known vertex beyond its own face, or a torn horizon, is due to rounding. The gap bounds
+                // the error.
                 break;
             }
         }
-        self.answer(a, b, placement, &best, precision, gap.max(0.0), converged, false)
+        self.answer(a, b, placement, &best, precision)
     }
 
-    #[expect(clippy::too_many_arguments)]
+    /// The answer for the best direction: its witness points by the barycentric weights of the origin's
+    /// projection on its face, and the next start.
     fn answer(
         &self,
         a: &Hull,
@@ -182,11 +187,8 @@ impl Polytope {
         placement: &Placement,
         best: &Candidate,
         precision: f64,
-        gap: f64,
-        converged: bool,
-        flat: bool,
     ) -> Penetration {
-        // Of coplanar faces, the one that the origin projects into has the points that belong together.
+        // Of coplanar faces, the one that the origin projects into has the witness points.
         let near = |face: [u16; 3]| {
             let corners = face.map(|v| self.vertices[v as usize]);
             let [p, q, r] = corners.map(|v| v.difference);
@@ -214,15 +216,15 @@ impl Polytope {
             normal: best.normal,
             on_a,
             on_b: placement.point(on_b),
-            gap,
-            converged,
-            flat,
+            gap: best.gap.max(0.0),
+            converged: best.converged,
+            flat: best.flat,
             tetrahedron: [corners[0], corners[1], corners[2], apex].map(|v| (v.a, v.b)),
         }
     }
 
-    /// The vertex that best makes a tetrahedron around the origin with a face: that furthest inside the cone
-    /// of the rays from the face's corners through the origin, whose sides are the planes through the origin
+    /// The vertex that best makes a tetrahedron around the origin with a face: the one furthest inside the
+    /// cone of rays from the face's corners through the origin, whose sides are the planes through the origin
     /// and two corners.
     fn apex(&self, [p, q, r]: [DVec3; 3]) -> Vertex {
         let sides = [q.cross(r), r.cross(p), p.cross(q)].map(DVec3::normalize_or_zero);
@@ -238,6 +240,7 @@ impl Polytope {
         best.0
     }
 
+    /// The face with the smallest distance from the origin.
     fn nearest_face(&self) -> Option<u16> {
         let mut best = (None, f64::INFINITY);
         for (index, face) in (0u16..).zip(&self.faces) {
@@ -248,7 +251,7 @@ impl Polytope {
         best.0
     }
 
-    /// Starts from a tetrahedron that is known, unless it is thin.
+    /// Starts from a given tetrahedron; `false` if it is thin or not valid.
     fn start_from(&mut self, a: &Hull, b: &Hull, placement: &Placement, start: &[(u32, u32)]) -> bool {
         let (count_a, count_b) = (a.len(), b.len());
         let &[first, second, third, apex] = start else { return false };
@@ -258,7 +261,8 @@ impl Polytope {
         }
         let [first, second, third, apex] =
             [first, second, third, apex].map(|(on_a, on_b)| difference(a, b, placement, on_a, on_b));
-        // The height is volume / area; a thin tetrahedron has little volume for its longest edge.
+        // A thin tetrahedron has little volume for its longest edge (volume as a product of edges, six times
+        // as large).
         let edges = [second, third, apex].map(|v| v.difference - first.difference);
         let normal = edges[0].cross(edges[1]);
         let volume = normal.dot(edges[2]);
@@ -277,8 +281,9 @@ impl Polytope {
         true
     }
 
-    /// Builds a tetrahedron of support points, or gives the normal of the plane (or of one of the planes)
-    /// that the whole Minkowski difference lies in.
+    /// Builds a tetrahedron of support points: two that are far apart, the furthest from their line, and the
+    /// furthest from their plane. If the Minkowski difference is flat, returns the normal of a plane that it
+    /// lies in.
     fn first_tetrahedron(
         &mut self,
         a: &Hull,
@@ -323,7 +328,7 @@ impl Polytope {
         Ok(())
     }
 
-    /// The faces of a tetrahedron, whose first three vertices are counter-clockwise seen from outside.
+    /// Adds the faces of a tetrahedron whose first three vertices are counter-clockwise seen from outside.
     fn first_faces(&mut self) {
         for (vertices, neighbours) in [
             ([0, 1, 2], [1, 2, 3]), // base; edge 01 to face 1, 12 to face 2, 20 to face 3
@@ -336,6 +341,7 @@ impl Polytope {
         }
     }
 
+    /// Makes a face with its plane. A sliver has none: its normal would be noise.
     fn face(&self, vertices: [u16; 3], neighbours: [u16; 3]) -> Face {
         let [p, q, r] = vertices.map(|v| self.vertices[v as usize].difference);
         let normal = (q - p).cross(r - p);
@@ -349,8 +355,8 @@ impl Polytope {
         Face { vertices, neighbours, normal, distance, alive: true, visible: false }
     }
 
-    /// Replaces the faces that see the new vertex, of which one is given, by a fan around it. `false`, with
-    /// the polytope unusable, if these faces do not form a disc.
+    /// Adds a vertex: replaces the faces that see it, one of which is `start`, by a fan around it. Returns
+    /// `false`, with the polytope unusable, if these faces do not form a disc.
     fn expand(&mut self, start: u16, vertex: Vertex, precision: f64) -> bool {
         let apex = self.vertices.len() as u16;
         self.vertices.push(vertex);
@@ -361,7 +367,7 @@ impl Polytope {
         }
     }
 
-    /// Lists the faces that see a point, from one that does over edges to its neighbours.
+    /// Lists the faces that see a point, by flood fill from one that does.
     fn find_visible(&mut self, start: u16, point: DVec3, precision: f64) {
         self.visible.clear();
         self.visible.push(start);
@@ -375,7 +381,7 @@ impl Polytope {
                 if across.visible {
                     continue;
                 }
-                // A sliver goes with its visible neighbour.
+                // A sliver counts as visible next to a visible face.
                 if across.normal.dot(point) > across.distance + VISIBLE_HEIGHT * precision
                     || across.distance == f64::INFINITY
                 {
@@ -386,7 +392,8 @@ impl Polytope {
         }
     }
 
-    /// Lists the edges between the visible faces and the others. `false` if links between faces are torn.
+    /// Lists the edges between the visible faces and the others. Returns `false` if links between faces are
+    /// broken.
     fn find_horizon(&mut self) -> bool {
         self.horizon.clear();
         for &index in &self.visible {
@@ -417,8 +424,8 @@ impl Polytope {
         }
     }
 
-    /// Adds a face from each edge of the horizon to the apex, and links them. `false` if the horizon is no
-    /// single loop.
+    /// Adds a face from each edge of the horizon to the apex and links the faces. Returns `false` if the
+    /// horizon is not a single loop.
     fn add_fan(&mut self, apex: u16) -> bool {
         for &HorizonEdge { from, to, .. } in &self.horizon {
             self.starts[from as usize] = NONE;
@@ -444,8 +451,7 @@ impl Polytope {
             }
             self.starts[from as usize] = index;
         }
-        // A face [from, to, apex] meets the one that starts at `to` across its edge 1, and is met across that
-        // one's edge 2.
+        // Edge 1 of a face [from, to, apex] is edge 2 of the face that starts at `to`.
         for step in 0..self.horizon.len() {
             let HorizonEdge { from, to, .. } = self.horizon[step];
             let (index, next) = (self.starts[from as usize], self.starts[to as usize]);
@@ -459,12 +465,16 @@ impl Polytope {
     }
 }
 
-/// A direction tried, with the extent of a − b along it.
+/// The best direction so far, with the extent of a − b along it, m.
 struct Candidate {
     extent: f64,
     normal: DVec3,
     /// Vertices of the face whose normal it is.
     face: [u16; 3],
+    /// Extent minus the distance of the polytope's nearest face, m.
+    gap: f64,
+    converged: bool,
+    flat: bool,
 }
 
 /// The two support points along one of the axes that are furthest apart.

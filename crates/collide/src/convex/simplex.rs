@@ -1,16 +1,16 @@
 //! Simplices of points of the Minkowski difference a − b, and the point of a simplex that is nearest to the
 //! origin.
 //!
-//! The nearest point is found by going through the faces, with barycentric coordinates as in Ericson (2005,
-//! §5.1 and §9.5): a face whose plane is well defined and whose barycentric coordinates are all non-negative
-//! holds it, otherwise the best of the face's edges does. A simplex whose height is lost in rounding is
+//! The nearest point is found by testing the faces, with barycentric coordinates as in Ericson (2005,
+//! §5.1 and §9.5): it lies on a face whose plane is well defined and whose barycentric coordinates are all
+//! non-negative, otherwise on the best of the face's edges. A simplex whose height is lost in rounding is
 //! treated as the union of its faces, so that flat and needle-like hulls need no special case.
 
 use palpate_core::glam::DVec3;
 
 use crate::tolerances::{FLAT_SIMPLEX, OUTSIDE_FACE};
 
-/// A point of the Minkowski difference, and the hull vertices it comes from.
+/// A point of the Minkowski difference with its two hull vertices.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Vertex {
     /// Vertex of a minus vertex of b, in a's frame, m.
@@ -31,12 +31,12 @@ pub struct Simplex {
 }
 
 impl Simplex {
-    /// The vertices that take part in the nearest point.
+    /// The vertices of the face that the nearest point lies on.
     pub fn vertices(&self) -> &[Vertex] {
         &self.vertices[..self.len]
     }
 
-    /// Their barycentric weights: positive, with sum 1.
+    /// Barycentric weights of the vertices: positive, with sum 1.
     pub fn weights(&self) -> &[f64] {
         &self.weights[..self.len]
     }
@@ -50,9 +50,9 @@ impl Simplex {
         self.len += 1;
     }
 
-    /// Reduces the simplex to the vertices that its point nearest to the origin, Σ λᵢ **p**ᵢ with all λᵢ > 0,
-    /// is made of, and returns that point. `None` when the origin is inside the tetrahedron, which is then
-    /// kept whole, with the origin's own weights.
+    /// Reduces the simplex to the face that its point nearest to the origin lies on, **v** = Σ λᵢ **p**ᵢ with
+    /// all λᵢ > 0, and returns that point. `None` if the origin is inside the tetrahedron, which is then kept
+    /// whole, with the origin's own weights.
     pub(super) fn reduce(&mut self) -> Option<DVec3> {
         let p = self.vertices.map(|v| v.difference);
         let weights = match self.len {
@@ -89,8 +89,8 @@ impl Simplex {
 }
 
 impl Simplex {
-    /// Distance of the origin from the nearest face of the tetrahedron around it, m; 0 if the simplex is no
-    /// tetrahedron. Hulls that overlap go on to do so until they have moved by that.
+    /// Distance of the origin from the nearest face of the tetrahedron around it, m; 0 if the simplex is not
+    /// a tetrahedron. Overlapping hulls keep overlapping until they have moved by this distance.
     pub(crate) fn depth(&self) -> f64 {
         if self.len < 4 {
             return 0.0;
@@ -102,8 +102,8 @@ impl Simplex {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// The direction of the nearest point **v**, with its length. For a triangle it is the normal **n**,
-    /// scaled to |**v**|, which keeps its accuracy when **v** is so close to the origin that its own
+    /// The nearest point **v** with an accurate direction. For a triangle it is the normal **n**
+    /// scaled to |**v**|, which is accurate even if **v** is so close to the origin that its own
     /// direction is lost in rounding.
     pub(super) fn axis(&self, nearest: DVec3) -> DVec3 {
         if self.len != 3 {
@@ -113,8 +113,8 @@ impl Simplex {
         let (ab, ac) = (b - a, c - a);
         let normal = ab.cross(ac);
         let (area, distance) = (normal.length_squared(), nearest.length_squared());
-        // |n| ≤ |v| · longest edge: the triangle is a needle, or small beside its distance, and v is the more
-        // accurate one.
+        // If |n| ≤ |v| · longest edge, the triangle is a needle, or small against its distance, and v is more
+        // accurate.
         if area <= distance * ab.length_squared().max(ac.length_squared()) {
             return nearest;
         }
@@ -144,8 +144,8 @@ pub(crate) fn nearest_on_triangle(a: DVec3, b: DVec3, c: DVec3) -> [f64; 3] {
     let normal = ab.cross(ac);
     let area = normal.length_squared();
     let longest = ab.length_squared().max(ac.length_squared()).max((c - b).length_squared());
-    // The origin's projection on the plane, in barycentric coordinates: with n = ab × ac, v = (ac × a) · n /
-    // |n|² and w = (a × ab) · n / |n|² are the areas of the triangles opposite b and c over all of it.
+    // Barycentric coordinates of the origin's projection on the plane: with n = ab × ac, v = (ac × a) · n /
+    // |n|² and w = (a × ab) · n / |n|² are the areas of the triangles opposite b and c over that of abc.
     if area > FLAT_SIMPLEX * FLAT_SIMPLEX * longest * longest {
         let (v, w) = (ac.cross(a).dot(normal) / area, a.cross(ab).dot(normal) / area);
         let u = 1.0 - v - w;
@@ -188,8 +188,8 @@ fn on_tetrahedron(p: &[DVec3; 4]) -> Nearest {
         .max(cross_c.length_squared())
         .max(cross_d.length_squared())
         .max((p[2] - p[1]).cross(p[3] - p[1]).length_squared());
-    // Smallest height = |volume| / largest face (volume and areas as products of edges, six and two times as
-    // large).
+    // The smallest height is |volume| / largest face (volume and areas as products of edges, six and two
+    // times as large).
     let solid = volume * volume > FLAT_SIMPLEX * FLAT_SIMPLEX * longest * widest;
     let mut candidate = [true; 4];
     if solid {
@@ -202,8 +202,8 @@ fn on_tetrahedron(p: &[DVec3; 4]) -> Nearest {
         if coordinates.iter().all(|&x| x >= 0.0) {
             return Nearest::Inside(coordinates);
         }
-        // The nearest face is one that the origin is outside of: the coordinate of the vertex opposite is
-        // negative. Those too close to tell are kept.
+        // The origin is outside of the nearest face: the coordinate of the opposite vertex is negative. Faces
+        // too close to decide are kept.
         candidate = coordinates.map(|x| x < OUTSIDE_FACE);
     }
     let mut best = (f64::INFINITY, [0.0; 4]);

@@ -114,7 +114,8 @@ impl Patchwork {
         index as u32
     }
 
-    /// Calls `each` with the triangles of a node's patch whose boxes reach into a sphere, in the shape's frame.
+    /// Calls `each` with the triangles of a node's patch whose boxes reach into a sphere, in the shape's
+    /// frame.
     pub fn in_reach(&self, node: u32, center: DVec3, radius: f64, each: &mut impl FnMut(u32)) {
         let root = self.of_node[node as usize];
         if root != NO_TREE {

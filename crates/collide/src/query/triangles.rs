@@ -10,7 +10,7 @@ use palpate_core::glam::DVec3;
 
 use super::context::PairContext;
 use crate::ball::Ball;
-use crate::patch::{Patch, Prism, distance_to_triangle};
+use crate::patch::{Patch, Prism, distance_to_triangle, in_box};
 use crate::tolerances::TRIANGLE_SPHERE_SLACK;
 
 /// Number of triangles of either patch that there is room for at first: patches have at most a few hundred.
@@ -43,9 +43,7 @@ impl Placed {
 
     /// Whether a point is within `reach` (m) of the triangle, and another one closer than `distance` (m).
     fn undercuts(&self, point: DVec3, reach: f64, other: DVec3, distance: f64) -> bool {
-        let [p, q, r] = self.corners;
-        let (low, high) = (p.min(q).min(r) - reach, p.max(q).max(r) + reach);
-        !(point.cmplt(low).any() || point.cmpgt(high).any())
+        in_box(point, self.corners, reach)
             && distance_to_triangle(self.corners, point) <= reach
             && distance_to_triangle(self.corners, other) < distance
     }
