@@ -105,7 +105,7 @@ pub mod errors {
 
 /// Bounds on every wrench that is written to a device, and how well they were kept.
 pub mod promises {
-    pub use crate::haptic::heat::WARMTH;
+    pub use crate::haptic::heat::ACTUATOR_HEATING;
     pub use crate::haptic::invariants::{
         ENERGY_BOUND, FAULT_TIME, Invariant, InvariantRecord, Invariants, RUNAWAY_SPEED,
     };

@@ -3,7 +3,7 @@
 /// Thermal model of actuators: share of the temperature rise of the windings over the housing, and of the
 /// housing over the room, each with its time constant, s. Typical of the small brushed motors of haptic
 /// devices by their makers' data sheets, not measured on one device.
-pub const WARMTH: [(f64, f64); 2] = [(0.2, 15.0), (0.8, 600.0)];
+pub const ACTUATOR_HEATING: [(f64, f64); 2] = [(0.2, 15.0), (0.8, 600.0)];
 
 /// Warmth above which the actuators get less than the peak. The limit falls to the continuous load at warmth
 /// 1; with a higher threshold it falls faster, which a hand feels.
@@ -20,7 +20,7 @@ impl Warmth {
     /// Advances by some seconds under a load, in continuous loads: τ ẇ = share load² − w for windings and
     /// housing.
     pub fn pass(&mut self, load: f64, seconds: f64) {
-        for (warmth, (share, time)) in self.0.iter_mut().zip(WARMTH) {
+        for (warmth, (share, time)) in self.0.iter_mut().zip(ACTUATOR_HEATING) {
             *warmth += (share * load * load - *warmth) * -(-seconds / time).exp_m1();
         }
     }
