@@ -1,4 +1,4 @@
-//! The commands and options of `palpate`.
+//! Commands and options of `palpate`.
 
 use std::path::{Path, PathBuf};
 
@@ -27,7 +27,8 @@ pub enum Command {
     Models(ModelsArguments),
     /// Write a built-in model as a mesh file
     Export(ExportArguments),
-    /// Check a mesh: whether it is ready to be touched, closed, 2-manifold, oriented, free of self-intersections; counts, size
+    /// Check a mesh: whether it is ready to be touched, closed, 2-manifold, oriented, free of
+    /// self-intersections; counts, size
     Check(CheckArguments),
     /// Build the hierarchy of a mesh
     Build(BuildArguments),
@@ -39,7 +40,8 @@ pub enum Command {
     Recommend(Box<RecommendArguments>),
     /// Render a session: feel a probe touch a scene through a device
     Run(Box<RunArguments>),
-    /// Render in a window that shows what touches where; the mouse moves the emulated hand [build with the cargo feature `view`]
+    /// Render in a window that shows the contacts; the mouse moves the emulated hand
+    /// [build with the cargo feature `view`]
     View(Box<ViewArguments>),
     /// List the devices and what they can do
     Devices(DevicesArguments),
@@ -47,7 +49,7 @@ pub enum Command {
     Doctor(DoctorArguments),
 }
 
-/// Where the machine-readable result goes.
+/// Destination of the machine-readable result.
 #[derive(Args)]
 pub struct Json {
     /// Print the result as JSON, or write it to FILE
@@ -56,13 +58,13 @@ pub struct Json {
 }
 
 impl Json {
-    /// The file to write, where one was given.
+    /// File to write, if one was given.
     pub fn file(&self) -> Option<&Path> {
         self.json.as_deref().filter(|path| *path != Path::new("-"))
     }
 }
 
-/// How a mesh is read.
+/// Options of reading a mesh.
 #[derive(Args)]
 pub struct Reading {
     /// Factor on the mesh's lengths: 0.001 for files in millimetres
@@ -79,10 +81,11 @@ impl Reading {
     }
 }
 
-/// How two meshes that touch each other are read.
+/// Options of reading two meshes that touch each other.
 #[derive(Args)]
 pub struct PairReading {
-    /// Factor on the lengths of both meshes: 0.001 for files in millimetres; objects of a scene file have their own
+    /// Factor on the lengths of both meshes: 0.001 for files in millimetres; objects of a scene file have
+    /// their own
     #[arg(long, default_value_t = 1.0, value_name = "S")]
     scale: f64,
     /// Factor on the probe's lengths alone [default: --scale]
@@ -103,22 +106,22 @@ pub struct PairReading {
 }
 
 impl PairReading {
-    /// How the probe is read.
+    /// Options for the probe.
     pub fn of_probe(&self) -> OpenOptions {
         self.options(self.probe_scale, self.probe_repair)
     }
 
-    /// How the scene's mesh is read.
+    /// Options for the scene's mesh.
     pub fn of_scene(&self) -> OpenOptions {
         self.options(self.scene_scale, self.scene_repair)
     }
 
-    /// Whether anything is asked for of the scene's mesh alone.
+    /// Whether an option for the scene's mesh alone was given.
     pub fn is_scene_given(&self) -> bool {
         self.scene_scale.is_some() || self.scene_repair
     }
 
-    /// These as they are given on a command line.
+    /// Words of the command line that give these options.
     pub fn words(&self) -> Vec<String> {
         let scales = [
             ("--scale", (self.scale != 1.0).then_some(self.scale)),
@@ -202,7 +205,8 @@ pub struct InspectArguments {
 #[derive(Args)]
 #[command(allow_negative_numbers = true)] // Directions may be negative.
 pub struct Pictures {
-    /// Write a PNG picture of each level, with its patches in colours, and a contact sheet, levels.png, into this folder
+    /// Write a PNG picture of each level, with its patches in colours, and a contact sheet, levels.png, into
+    /// this folder
     #[arg(long, value_name = "DIR")]
     pub render: Option<PathBuf>,
     /// Width of the pictures, pixels; they are three quarters as high
@@ -212,7 +216,8 @@ pub struct Pictures {
     /// Levels to draw, such as 0,3,6 [default: all]
     #[arg(long, value_name = "LEVELS", value_delimiter = ',', requires = "render")]
     pub levels: Vec<usize>,
-    /// Azimuth of the camera: degrees about the vertical, from x towards y [default: a view that shows the object well]
+    /// Azimuth of the camera: degrees about the vertical, from x towards y
+    /// [default: a view that shows the object well]
     #[arg(long, value_name = "DEGREES", requires = "render", value_parser = angle)]
     pub azimuth: Option<f64>,
     /// Elevation of the camera above the horizon, degrees
@@ -232,37 +237,38 @@ pub struct QueryArguments {
     pub probe: String,
     /// The object that it touches
     pub scene: String,
-    /// Poses of the probe in the scene's frame: CSV with the header t,px,py,pz,qx,qy,qz,qw, or a recording by `run --record`
+    /// Poses of the probe in the scene's frame: CSV with the header t,px,py,pz,qx,qy,qz,qw, or a recording by
+    /// `run --record`
     #[arg(long, value_name = "T.csv")]
     pub trajectory: PathBuf,
     /// Report contacts closer than this: metres, or a percentage of the probe's bounding radius such as 1%
     #[arg(long, value_name = "D")]
     pub tolerance: Length,
-    /// Report few contacts at true geometry, each with the area that it stands for, off by about EPS: metres, or a percentage of
-    /// the probe's bounding radius, 0.02% to 1% [default EPS: 0.05%]
+    /// Report a few contacts at exact geometry, each with the area that it represents, with an error of about
+    /// EPS: metres, or a percentage of the probe's bounding radius, 0.02% to 1% [default EPS: 0.05%]
     #[arg(long, value_name = "EPS", num_args = 0..=1, default_missing_value = "0.05%",
         conflicts_with_all = ["error", "exact", "interpolate", "parallel"])]
     pub representative: Option<Length>,
-    /// Leave out detail whose error, averaged over the area of contact (s*), is at most this: metres, or a percentage of the
-    /// probe's bounding radius such as 2.5%, at most 100% [default: full resolution]
+    /// Leave out detail whose error, averaged over the area of contact (s*), is at most this: metres, or a
+    /// percentage of the probe's bounding radius such as 2.5%, at most 100% [default: full resolution]
     #[arg(long, value_name = "S0", conflicts_with = "exact")]
     pub error: Option<Length>,
-    /// Report contacts at full resolution: local minima of the distance, merged within 10 % of D, and one contact for each
-    /// region of intersection. This is the default without --representative, --error and --budget-us; with either of the last
-    /// two, every pair of patches in contact is reported
+    /// Report contacts at full resolution: local minima of the distance, merged within 10 % of D, and one
+    /// contact for each region of intersection. This is the default without --representative, --error and
+    /// --budget-us; with either of the last two, every pair of patches in contact is reported
     #[arg(long)]
     pub exact: bool,
     /// Blend contacts smoothly from one level of detail to the next
     #[arg(long, conflicts_with = "exact")]
     pub interpolate: bool,
-    /// Time-critical mode: refine the most important detail first, and stop after about this many microseconds; with
-    /// --representative, leave out the finest samples that there is no time for
+    /// Time-critical mode: refine the most important detail first, and stop after about this many
+    /// microseconds; with --representative, leave out the finest samples that do not fit
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub budget_us: Option<u64>,
     /// Use all processors where there are many contacts; the result is the same
     #[arg(long, conflicts_with = "budget_us")]
     pub parallel: bool,
-    /// Start each query anew rather than from what the query before left
+    /// Start each query from the roots rather than from the previous query's front
     #[arg(long)]
     pub cold: bool,
     /// Stiffness of the penalty force, N/m
@@ -288,11 +294,13 @@ pub struct RunArguments {
     /// The object that it touches, or a scene file (.toml) with several and settings
     #[arg(required_unless_present = "tool", default_value = "", hide_default_value = true)]
     pub scene: String,
-    /// Hold the tool with a hinge of this file, in place of a probe, on a device with a gripper (emulated:gripper=FILE.csv)
+    /// Hold the tool with a hinge of this file, in place of a probe, on a device with a gripper
+    /// (emulated:gripper=FILE.csv)
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["integrator", "report", "scene"])]
     pub tool: Option<PathBuf>,
-    /// emulated, emulated:PRESET,KEY=VALUE,... (task=press, hand=firm, encoder_step=0, path=FILE.csv, ...), replay:FILE (a
-    /// trajectory, a recording of a session or of a device), or one that `palpate devices` lists
+    /// emulated, emulated:PRESET,KEY=VALUE,... (task=press, hand=firm, encoder_step=0, path=FILE.csv, ...),
+    /// replay:FILE (a trajectory, a recording of a session or of a device), or one that `palpate devices`
+    /// lists
     #[arg(long, default_value = "emulated")]
     pub device: String,
     /// Send forces only while this button of the device, counted from 0, is held [default: always]
@@ -310,7 +318,8 @@ pub struct RunArguments {
     /// Record the session as CSV, one row for each haptic step
     #[arg(long, value_name = "FILE.csv")]
     pub record: Option<PathBuf>,
-    /// Record the device's readings, to replay them exactly with --device replay:FILE: text if FILE ends in .csv, else compact
+    /// Record the device's readings, to replay them exactly with --device replay:FILE: text if FILE ends in
+    /// .csv, else compact
     #[arg(long, value_name = "FILE")]
     pub record_device: Option<PathBuf>,
     /// Write a self-contained HTML report
@@ -335,16 +344,17 @@ pub struct RecommendArguments {
     pub probe: String,
     /// The object that it touches
     pub scene: String,
-    /// What the emulated hand does with the probe: explore, press, stroke, scrub, tap or peg-insertion [default: explore]
+    /// Task of the emulated hand: explore, press, stroke, scrub, tap or peg-insertion [default: explore]
     #[arg(long, value_name = "NAME", conflicts_with = "trajectory", value_parser = task)]
     pub task: Option<Task>,
-    /// Poses that the hand moves the probe through: CSV with the header t,px,py,pz,qx,qy,qz,qw, or a recording by `run --record`
+    /// Poses that the hand moves the probe through: CSV with the header t,px,py,pz,qx,qy,qz,qw, or a
+    /// recording by `run --record`
     #[arg(long, value_name = "T.csv")]
     pub trajectory: Option<PathBuf>,
     /// How long the hand moves the probe, s
     #[arg(long, default_value_t = 3.0, value_name = "S")]
     pub seconds: f64,
-    /// Most time for a contact step, microseconds [default: the haptic period]
+    /// Time limit of a contact step, microseconds [default: the haptic period]
     #[arg(long, value_name = "N")]
     pub budget_us: Option<f64>,
     #[command(flatten)]
@@ -373,7 +383,8 @@ pub struct Textures {
     /// Height image that displaces the scene's object
     #[arg(long, value_name = "IMAGE", requires = "amplitude", conflicts_with = "scene_detail")]
     scene_heights: Option<PathBuf>,
-    /// Displacement by height images: metres from black to white, or metres per unit of a float image; mid grey is zero
+    /// Displacement by height images: metres from black to white, or metres per unit of a float image; mid
+    /// grey is zero
     #[arg(long, value_name = "A")]
     amplitude: Option<f64>,
     /// Detailed mesh or built-in model, in the probe's frame, whose detail is baked onto the coarse probe
@@ -410,7 +421,7 @@ impl Textures {
         }
     }
 
-    /// These in the settings.
+    /// Applies these options to the settings.
     pub fn applied_to(&self, settings: Settings) -> Settings {
         let default = settings.textures;
         let grid = self.texture_grid.unwrap_or(default.grid);
@@ -419,28 +430,30 @@ impl Textures {
     }
 }
 
-/// How much detail contact queries look at.
+/// Search method and level of detail of contact queries.
 #[derive(Args)]
 pub struct Resolution {
-    /// Find few contacts at true geometry, each with the area that it stands for, off by about EPS: metres, or a percentage of the
-    /// probe's bounding radius, 0.02% to 1% [default EPS: 0.05%]. The default on closed objects without thin walls or textures
+    /// Find a few contacts at exact geometry, each with the area that it represents, with an error of about
+    /// EPS: metres, or a percentage of the probe's bounding radius, 0.02% to 1% [default EPS: 0.05%]. The
+    /// default on closed objects without thin walls or textures
     #[arg(long, value_name = "EPS", num_args = 0..=1, default_missing_value = "0.05%",
         conflicts_with_all = ["error", "no_interpolation", "budget_us"])]
     representative: Option<Length>,
-    /// Find contacts by levels of detail, and leave out detail whose error, averaged over the area of contact, is at most this:
-    /// metres, or a percentage of the probe's bounding radius such as 2.5%, at most 100%; 0 for full resolution
+    /// Find contacts by levels of detail, and leave out detail whose error, averaged over the area of
+    /// contact, is at most this: metres, or a percentage of the probe's bounding radius such as 2.5%, at most
+    /// 100%; 0 for full resolution
     #[arg(long, value_name = "S0")]
     error: Option<Length>,
     /// Let forces jump where the level of detail changes, which takes a little less time
     #[arg(long)]
     no_interpolation: bool,
-    /// Most time for a contact query, microseconds; detail that does not fit is left out [default: no limit]
+    /// Time limit of a contact query, microseconds; detail that does not fit is left out [default: no limit]
     #[arg(long, value_name = "N")]
     budget_us: Option<f64>,
 }
 
 impl Resolution {
-    /// These in the settings for a probe.
+    /// Applies these options to the settings for a probe.
     pub fn applied_to(&self, settings: Settings, probe: &Object) -> Result<Settings, Failure> {
         let error = self.error.map(|error| detail_error(error, probe)).transpose()?;
         let (method, representative_error) = match self.representative {
@@ -460,7 +473,10 @@ impl Resolution {
     }
 }
 
-/// `--error` in metres for a probe; refused where no detail would be left.
+/// Value of `--error` in metres for a probe.
+///
+/// # Errors
+/// If the value is larger than the probe, so that no detail would be left.
 pub fn detail_error(error: Length, probe: &Object) -> Result<f64, Failure> {
     let radius = probe.bounding_radius();
     let metres = error.metres(radius);
@@ -469,8 +485,7 @@ pub fn detail_error(error: Length, probe: &Object) -> Result<f64, Failure> {
     }
     let name = &probe.name;
     Err(Failure::Message(format!(
-        "--error {error}: detail as large as {name} itself would be left out; give at most 100%, its bounding radius \
-         ({radius:.3e} m)"
+        "--error {error}: detail as large as {name} would be left out; give at most 100%, its bounding radius ({radius:.3e} m)"
     )))
 }
 
@@ -513,14 +528,16 @@ pub struct Physics {
     /// Rate of the haptic loop, Hz [default: 1000]
     #[arg(long)]
     rate: Option<f64>,
-    /// How the object's motion is integrated: semi-implicit, fully-implicit, forward-euler, symplectic-euler,
+    /// Integrator of the object's motion: semi-implicit, fully-implicit, forward-euler, symplectic-euler,
     /// runge-kutta-4 or quasi-static [default: semi-implicit]
     #[arg(long, value_name = "NAME")]
     integrator: Option<IntegratorKind>,
-    /// How far the object moves for a metre at the device; forces are divided by it, torques by its square [default: 1]
+    /// Length that the object moves per metre at the device; forces are divided by it, torques by its square
+    /// [default: 1]
     #[arg(long, value_name = "S")]
     workspace_scale: Option<f64>,
-    /// Clutch: while this button, counted from 0, is held, the device moves without the object [default: none]
+    /// Clutch: while this button, counted from 0, is held, the device moves without the object
+    /// [default: none]
     #[arg(long, value_name = "N")]
     clutch_button: Option<u32>,
     /// Damp the device when more energy has come out of the session than went in
@@ -532,17 +549,17 @@ pub struct Physics {
 }
 
 impl Physics {
-    /// The integrator of the object's motion.
+    /// Integrator of the object's motion.
     pub fn integrator(&self) -> IntegratorKind {
         self.integrator.unwrap_or_default()
     }
 
-    /// The rate of the haptic loop that was given, Hz.
+    /// Rate of the haptic loop (Hz), if given.
     pub fn rate(&self) -> Option<f64> {
         self.rate
     }
 
-    /// These in the settings for a probe of the given bounding radius, m.
+    /// Applies these options to the settings for a probe of the given bounding radius, m.
     pub fn applied_to(&self, default: Settings, radius: f64) -> Settings {
         Settings {
             timing: TimingSettings { rate: self.rate.unwrap_or(default.timing.rate), ..default.timing },
@@ -609,7 +626,7 @@ pub struct DoctorArguments {
     pub json: Json,
 }
 
-/// A length: metres, or a fraction of the probe's bounding radius.
+/// Length in metres, or as a fraction of the probe's bounding radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Length {
     /// Metres.
@@ -619,7 +636,7 @@ pub enum Length {
 }
 
 impl Length {
-    /// The length in metres for a probe of the given bounding radius, m.
+    /// Length in metres for a probe of the given bounding radius, m.
     pub fn metres(self, radius: f64) -> f64 {
         match self {
             Self::Metres(length) => length,
@@ -668,7 +685,7 @@ mod tests {
     }
 
     #[test]
-    fn how_a_pair_is_read_is_given_again_as_it_was() {
+    fn the_words_of_reading_options_give_the_same_options() {
         let parse = |words: &[&str]| {
             let run = ["palpate", "run", "a.obj", "b.obj"];
             match Arguments::parse_from(run.iter().chain(words)).command {

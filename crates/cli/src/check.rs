@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use palpate::core::mesh::ValidationReport;
+use palpate::core::mesh::{OffendingEdge, ValidationReport};
 use palpate::{mesh_io, open_mesh};
 use serde::Serialize;
 
@@ -10,27 +10,27 @@ use crate::arguments::CheckArguments;
 use crate::failure::Failure;
 use crate::{output, progress};
 
-/// The validation report with what needs a spatial index.
+/// Result of the check: validation report, self-intersections and verdict.
 #[derive(Serialize)]
 struct Check {
     #[serde(flatten)]
     report: ValidationReport,
     self_intersections: u64,
     verdict: Verdict,
-    /// What stands in the way of a hierarchy; empty where the mesh is ready.
+    /// Faults that prevent a hierarchy; empty if the mesh is ready.
     faults: Vec<String>,
-    /// What the loader warned of.
+    /// Warnings of the loader.
     warnings: Vec<String>,
 }
 
-/// Whether a hierarchy can be built of a mesh.
+/// Whether a hierarchy can be built from a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 enum Verdict {
     #[serde(rename = "ready")]
     Ready,
     #[serde(rename = "needs --repair")]
     NeedsRepair,
-    /// Faults are left although it was repaired, or it is empty.
+    /// Faults remain after the repair, or the mesh is empty.
     #[serde(rename = "not usable")]
     NotUsable,
 }
@@ -51,50 +51,49 @@ pub fn run(arguments: &CheckArguments) -> Result<(), Failure> {
     };
     let warnings = progress::words(&opened.warnings);
     let check = Check { report, self_intersections, verdict, faults, warnings };
-    output::result(&arguments.json, &check, |table| {
-        let Check { report: r, self_intersections, faults, .. } = &check;
-        let yes = |answer: bool| if answer { "yes" } else { "no" };
-        let at = |first: Option<String>| first.map_or(String::new(), |first| format!("first: {first}"));
-        let edge = |first: &Option<palpate::core::mesh::OffendingEdge>| {
-            at(first
-                .as_ref()
-                .map(|e| format!("{}–{} of triangle {}", e.vertices[0], e.vertices[1], e.triangle)))
-        };
-        let first = &r.first;
-        table.row([&"vertices", &r.vertices]);
-        table.row([&"triangles", &r.triangles]);
-        table.row([&"closed", &yes(r.closed)]);
-        table.row([&"2-manifold", &yes(r.manifold)]);
-        table.row([&"oriented", &yes(r.oriented)]);
-        table.row([&"components", &r.components]);
-        table.row([&"boundary edges", &r.boundary_edges, &edge(&first.boundary_edge)]);
-        table.row([&"non-manifold edges", &r.nonmanifold_edges, &edge(&first.nonmanifold_edge)]);
-        table.row([&"misoriented edges", &r.misoriented_edges, &edge(&first.misoriented_edge)]);
-        let vertex = at(first.nonmanifold_vertex.map(|i| i.to_string()));
-        table.row([&"non-manifold vertices", &r.nonmanifold_vertices, &vertex]);
-        table.row([&"degenerate triangles", &r.degenerate, &at(first.degenerate.map(|i| i.to_string()))]);
-        table.row([&"duplicate triangles", &r.duplicate, &at(first.duplicate.map(|i| i.to_string()))]);
-        table.row([&"non-finite vertices", &r.nonfinite, &at(first.nonfinite.map(|i| i.to_string()))]);
-        let crossing = first.self_intersection.map(|[a, b]| format!("triangles {a} and {b}"));
-        table.row([&"self-intersections", self_intersections, &at(crossing)]);
-        table.row([&"bounding radius", &format!("{:.6} m", r.bounding_radius)]);
-        table.row([&"volume", &format!("{:.6e} m³", r.volume)]);
-        let doubts = if check.warnings.is_empty() { "" } else { "; see the warnings" };
-        table.row([&"verdict", &format!("{}{doubts}", check.verdict.in_words(&arguments.mesh, faults))]);
-        if !(faults.is_empty() && r.closed) {
-            table.row([
-                &"",
-                &"vertices and triangles are counted from 0, vertices after equal ones were merged",
-            ]);
-        }
-    })
+    output::result(&arguments.json, &check, |table| print(&check, &arguments.mesh, table))
+}
+
+/// Rows of the result: each count with the first offending element.
+fn print(check: &Check, mesh: &str, table: &mut output::Table) {
+    let Check { report: r, self_intersections, faults, .. } = check;
+    let yes = |answer: bool| if answer { "yes" } else { "no" };
+    let at = |first: Option<String>| first.map_or(String::new(), |first| format!("first: {first}"));
+    let number = |first: Option<u32>| at(first.map(|number| number.to_string()));
+    let edge = |first: &Option<OffendingEdge>| {
+        let OffendingEdge { vertices: [from, to], triangle } = first.as_ref()?;
+        Some(format!("{from}–{to} of triangle {triangle}"))
+    };
+    let first = &r.first;
+    table.row([&"vertices", &r.vertices]);
+    table.row([&"triangles", &r.triangles]);
+    table.row([&"closed", &yes(r.closed)]);
+    table.row([&"2-manifold", &yes(r.manifold)]);
+    table.row([&"oriented", &yes(r.oriented)]);
+    table.row([&"components", &r.components]);
+    table.row([&"boundary edges", &r.boundary_edges, &at(edge(&first.boundary_edge))]);
+    table.row([&"non-manifold edges", &r.nonmanifold_edges, &at(edge(&first.nonmanifold_edge))]);
+    table.row([&"misoriented edges", &r.misoriented_edges, &at(edge(&first.misoriented_edge))]);
+    table.row([&"non-manifold vertices", &r.nonmanifold_vertices, &number(first.nonmanifold_vertex)]);
+    table.row([&"degenerate triangles", &r.degenerate, &number(first.degenerate)]);
+    table.row([&"duplicate triangles", &r.duplicate, &number(first.duplicate)]);
+    table.row([&"non-finite vertices", &r.nonfinite, &number(first.nonfinite)]);
+    let crossing = first.self_intersection.map(|[a, b]| format!("triangles {a} and {b}"));
+    table.row([&"self-intersections", self_intersections, &at(crossing)]);
+    table.row([&"bounding radius", &format!("{:.6} m", r.bounding_radius)]);
+    table.row([&"volume", &format!("{:.6e} m³", r.volume)]);
+    let doubts = if check.warnings.is_empty() { "" } else { "; see the warnings" };
+    table.row([&"verdict", &format!("{}{doubts}", check.verdict.in_words(mesh, faults))]);
+    if !(faults.is_empty() && r.closed) {
+        table.row([&"", &"vertices and triangles are counted from 0, vertices after equal ones were merged"]);
+    }
 }
 
 impl Verdict {
     fn in_words(self, mesh: &str, faults: &[String]) -> String {
         let faults = faults.join(", ");
         match self {
-            Self::Ready => "ready: a hierarchy can be built of it".to_owned(),
+            Self::Ready => "ready: a hierarchy can be built from it".to_owned(),
             Self::NeedsRepair => {
                 format!(
                     "needs --repair ({faults}): `palpate build {mesh} --repair -o FILE.clod`, or run with --repair"
@@ -105,7 +104,7 @@ impl Verdict {
     }
 }
 
-/// What building a hierarchy refuses about a mesh.
+/// Faults of a mesh that prevent a hierarchy.
 fn faults(report: &ValidationReport, self_intersections: u64) -> Vec<String> {
     let counted = [
         (report.nonfinite as u64, "vertices that are not finite"),

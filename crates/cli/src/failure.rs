@@ -1,20 +1,20 @@
-//! Why a command ended without a result: one line.
+//! Failure of a command, as one line.
 
 use std::fmt;
 use std::io;
 use std::path::Path;
 
-/// An error whose message says what, where and what to do.
+/// Failure of a command. Its message names the fault, its place, and what to do.
 #[derive(Debug)]
 pub enum Failure {
-    /// Standard output was closed by whoever reads it.
+    /// The reader of standard output closed it.
     ClosedPipe,
-    /// Anything else.
+    /// Any other failure.
     Message(String),
 }
 
 impl Failure {
-    /// Standard output could not be written.
+    /// Failure to write standard output.
     pub fn printing(error: &io::Error) -> Self {
         if error.kind() == io::ErrorKind::BrokenPipe {
             Self::ClosedPipe
@@ -23,12 +23,12 @@ impl Failure {
         }
     }
 
-    /// A file could not be written.
+    /// Failure to write a file.
     pub fn writing(path: &Path, error: impl fmt::Display) -> Self {
         Self::Message(format!("{} could not be written: {error}", path.display()))
     }
 
-    /// Whether whoever reads standard output had enough.
+    /// Whether the reader of standard output closed it.
     pub fn is_closed_pipe(&self) -> bool {
         matches!(self, Self::ClosedPipe)
     }
@@ -38,13 +38,13 @@ impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::ClosedPipe => f.write_str("standard output was closed"),
-            // One line, whatever a message from elsewhere holds.
+            // Messages from elsewhere may contain line breaks; the failure is one line.
             Self::Message(message) => f.write_str(&message.trim_end().replace(char::is_control, " ")),
         }
     }
 }
 
-/// With the command that builds a driver in.
+/// Adds the command that builds a missing driver in.
 impl From<palpate::device::DeviceError> for Failure {
     fn from(error: palpate::device::DeviceError) -> Self {
         Self::Message(match &error {
@@ -66,7 +66,7 @@ macro_rules! from_error {
     )*};
 }
 
-/// With options named as on the command line.
+/// Names options as on the command line.
 impl From<palpate::errors::OpenError> for Failure {
     fn from(error: palpate::errors::OpenError) -> Self {
         Self::Message(match error {
@@ -82,7 +82,7 @@ impl From<palpate::errors::OpenError> for Failure {
     }
 }
 
-/// With the option that mends the mesh, where one does.
+/// Adds the option that repairs the mesh, where it helps.
 impl From<palpate::clod_build::BuildError> for Failure {
     fn from(error: palpate::clod_build::BuildError) -> Self {
         let option = if error.is_mended_by_repair() { " (--repair)" } else { "" };
@@ -90,7 +90,7 @@ impl From<palpate::clod_build::BuildError> for Failure {
     }
 }
 
-/// With the option that was given.
+/// Adds the option that the error is about.
 impl From<palpate::representative::FieldError> for Failure {
     fn from(error: palpate::representative::FieldError) -> Self {
         let remedy = match error {
@@ -124,7 +124,7 @@ impl From<palpate::errors::RendererError> for Failure {
         };
         Self::Message(format!(
             "{name}: the bounding radius of {radius:.3e} m suggests a wrong unit; {remedy}, or give --unusual-size to \
-             render it as it is"
+             accept it"
         ))
     }
 }

@@ -16,23 +16,23 @@ use crate::failure::Failure;
 use crate::output::Table;
 use crate::{output, progress};
 
-/// What a hierarchy is, as JSON.
+/// Properties of a hierarchy, as JSON.
 #[derive(Serialize)]
 struct Inspection {
     name: String,
     vertices: u32,
     triangles: u32,
     patches: usize,
-    /// Time that reading the mesh and building took, s; null from `inspect`.
+    /// Time to read the mesh and build the hierarchy, s; null from `inspect`.
     seconds: Option<f64>,
-    /// Most memory that the process ever held, bytes, where the system tells.
+    /// Peak memory of the process, bytes; null if the system does not report it.
     peak_rss_bytes: Option<u64>,
     bounding_radius: f64,
-    /// Memory that the hierarchy takes.
+    /// Memory of the hierarchy.
     bytes: usize,
-    /// The columns of the dissertation's Table 3.2.
+    /// Columns of the dissertation's Table 3.2.
     table: Table32,
-    /// Its row for the dissertation's own model of the same name; null for other objects.
+    /// The dissertation's row for its own model of the same name; null for other objects.
     published: Option<Table32>,
     levels: Vec<LevelEntry>,
 }
@@ -56,7 +56,7 @@ pub fn build(arguments: &BuildArguments) -> Result<(), Failure> {
     let written: Vec<&Path> = std::iter::once(&*arguments.output).chain(arguments.json.file()).collect();
     output::check_files(&[Path::new(&arguments.mesh)], &written)?;
     let begun = Instant::now();
-    // What was asked for is to build, so an earlier result is not looked for.
+    // The command builds even if the cache has the hierarchy.
     let options = palpate::OpenOptions { cache: false, ..arguments.reading.options() };
     if Path::new(&arguments.mesh).extension().is_some_and(|found| found.eq_ignore_ascii_case("clod")) {
         return Err(palpate::errors::OpenError::NotAMesh { path: arguments.mesh.clone() }.into());
@@ -80,7 +80,7 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     show(&object, None, &arguments.json)
 }
 
-/// Writes a picture of each level that is asked for, and the contact sheet.
+/// Writes a picture of each level in the options, and the contact sheet.
 fn draw(object: &Object, folder: &Path, arguments: &InspectArguments) -> Result<(), Failure> {
     let Pictures { size, levels, azimuth, elevation, .. } = &arguments.pictures;
     let clod = &object.clod;
@@ -125,7 +125,8 @@ fn draw(object: &Object, folder: &Path, arguments: &InspectArguments) -> Result<
     pictures.sheet(&drawn).save(&sheet).map_err(|error| Failure::writing(&sheet, error))
 }
 
-/// The built-in model that an object is, by its name or its file's: at the size that the dissertation's tables give.
+/// Built-in model at the size in the dissertation's tables, recognised by the object's or its file's name and
+/// triangle count.
 fn model_of(name: &str, clod: &Clod) -> Option<Model> {
     let stem = Path::new(name).file_stem()?.to_str()?;
     let model = Model::ALL.into_iter().find(|model| model.name() == stem)?;
@@ -236,7 +237,7 @@ fn inspection(object: &Object, seconds: Option<f64>) -> Inspection {
     }
 }
 
-/// The most memory that this process ever held, bytes, where the system tells (Linux).
+/// Peak memory of this process, bytes; `None` if the system does not report it (Linux does).
 fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

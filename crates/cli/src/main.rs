@@ -46,7 +46,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// A line on standard error; if nobody can read it, so be it.
+/// Writes a line to standard error. Failures are ignored, since there is nowhere left to report them.
 fn complain(line: Text<'_>) {
     let _ = writeln!(std::io::stderr(), "{line}");
 }

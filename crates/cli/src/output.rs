@@ -1,4 +1,4 @@
-//! Results, on standard output as a table or as JSON, and the files that a command writes.
+//! Output of commands: results as a table or JSON, and checks of the files to write.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write, stdout};
@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::arguments::Json;
 use crate::failure::Failure;
 
-/// Prints or writes `value` as JSON where that was asked for; otherwise prints the rows of a table.
+/// Prints or writes `value` as JSON if `--json` was given; otherwise prints the rows of a table.
 pub fn result(json: &Json, value: &impl Serialize, table: impl FnOnce(&mut Table)) -> Result<(), Failure> {
     text_or_json(json, value, || {
         let mut rows = Table::default();
@@ -18,7 +18,7 @@ pub fn result(json: &Json, value: &impl Serialize, table: impl FnOnce(&mut Table
     })
 }
 
-/// Prints or writes `value` as JSON where that was asked for; otherwise prints `text`.
+/// Prints or writes `value` as JSON if `--json` was given; otherwise prints `text`.
 pub fn text_or_json(
     json: &Json,
     value: &impl Serialize,
@@ -38,7 +38,8 @@ pub fn text_or_json(
     Ok(())
 }
 
-/// Refuses, before the work, files to write that cannot be written or that are another file of the command as well.
+/// Refuses, before the work, output files that cannot be written or that the command also reads or writes
+/// otherwise.
 pub fn check_files(read: &[&Path], write: &[&Path]) -> Result<(), Failure> {
     let mut taken: Vec<PathBuf> = read.iter().filter_map(|path| identity(path)).collect();
     for path in write {
@@ -55,7 +56,7 @@ pub fn check_files(read: &[&Path], write: &[&Path]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Refuses a file to write whose name does not say what it will hold.
+/// Refuses an output file whose extension is not that of its format.
 pub fn check_extension(path: &Path, extension: &str) -> Result<(), Failure> {
     if path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension)) {
         return Ok(());
@@ -64,7 +65,8 @@ pub fn check_extension(path: &Path, extension: &str) -> Result<(), Failure> {
     Err(Failure::Message(format!("{path}: the output's name must end in .{extension}")))
 }
 
-/// The absolute path of a regular file or of one that may become one; none for a device, a pipe or a built-in model.
+/// Absolute path of a regular file, or of one that can be created; `None` for a device, a pipe or a built-in
+/// model.
 fn identity(path: &Path) -> Option<PathBuf> {
     match path.canonicalize() {
         Ok(full) => full.is_file().then_some(full),
@@ -72,7 +74,7 @@ fn identity(path: &Path) -> Option<PathBuf> {
     }
 }
 
-/// Opens a file for writing, and leaves no trace of it.
+/// Tries to open a file for writing, and leaves it unchanged.
 fn probe(path: &Path) -> io::Result<()> {
     match path.metadata() {
         Ok(data) if data.is_file() || data.is_dir() => OpenOptions::new().append(true).open(path).map(drop),
@@ -88,7 +90,8 @@ fn folder(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Refuses a folder to write files into that is none, or that cannot be made because its parent is none; leaves no trace.
+/// Refuses an output folder that is not a folder or cannot be created. A folder that did not exist does not
+/// exist afterwards.
 pub fn check_folder(path: &Path) -> Result<(), Failure> {
     let refused = |error: io::Error| Failure::writing(path, error);
     if path.exists() {
@@ -97,8 +100,8 @@ pub fn check_folder(path: &Path) -> Result<(), Failure> {
     std::fs::create_dir(path).and_then(|()| std::fs::remove_dir(path)).map_err(refused)
 }
 
-/// Rows of cells, printed with aligned columns. An empty row parts blocks whose columns have nothing to do with each
-/// other.
+/// Rows of cells, printed with aligned columns. An empty row separates blocks, whose columns are aligned
+/// independently.
 #[derive(Default)]
 pub struct Table(Vec<Vec<String>>);
 
@@ -114,7 +117,7 @@ impl Table {
     }
 }
 
-/// The rows of a block, each column as wide as its widest cell.
+/// Lines of a block, each column as wide as its widest cell.
 fn aligned(rows: &[Vec<String>]) -> Vec<String> {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |column: usize| {

@@ -1,4 +1,4 @@
-//! Progress bars on a terminal's standard error; nothing where it is not a terminal.
+//! Progress bars on standard error, if that is a terminal.
 
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -7,10 +7,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 use palpate::clod_build::Stage;
 use palpate::mesh_io::LoadWarning;
 
-/// Steps of a bar.
+/// Resolution of a bar, steps. With fewer, the bar jumps.
 const STEPS: u64 = 1000;
 
-/// A bar from 0 to 1 with the name of what is going on.
+/// Shows a bar from 0 to 1 with the name of the work.
 pub fn bar(what: &str) -> ProgressBar {
     let bar = ProgressBar::new(STEPS).with_message(what.to_owned());
     if let Ok(style) = ProgressStyle::with_template("{msg:40} {bar:30} {percent:>3} %  {elapsed} + {eta}") {
@@ -19,14 +19,14 @@ pub fn bar(what: &str) -> ProgressBar {
     bar
 }
 
-/// A sign that something goes on of which it is not known how long it takes.
+/// Shows a spinner with the name of work of unknown duration.
 pub fn waiting(what: &str) -> ProgressBar {
     let spinner = ProgressBar::new_spinner().with_message(what.to_owned());
     spinner.enable_steady_tick(Duration::from_millis(100));
     spinner
 }
 
-/// Shows the stages of a build on a bar, with an estimate of the whole.
+/// Shows the stages of a build on a bar, with an estimate of the overall progress.
 pub fn of_build<'a>(bar: &'a ProgressBar, name: &'a str) -> impl FnMut(Stage, f64) -> ControlFlow<()> + 'a {
     let mut shown = None;
     move |stage, fraction| {
@@ -37,6 +37,21 @@ pub fn of_build<'a>(bar: &'a ProgressBar, name: &'a str) -> impl FnMut(Stage, f6
         set(bar, stage.of_build(fraction));
         ControlFlow::Continue(())
     }
+}
+
+/// Opens the models of a file with a bar that shows each model and its stage.
+pub fn open_all<R>(
+    file: &str,
+    open: impl FnOnce(&mut dyn FnMut(&str, Stage, f64) -> ControlFlow<()>) -> R,
+) -> R {
+    let bar = bar(file);
+    let opened = open(&mut |model, stage, done| {
+        bar.set_message(format!("{model}: {stage}"));
+        set(&bar, done);
+        ControlFlow::Continue(())
+    });
+    bar.finish_and_clear();
+    opened
 }
 
 /// Moves a bar to a fraction from 0 to 1.
@@ -57,7 +72,7 @@ pub fn open(
     Ok(object)
 }
 
-/// A loader's warning, with options named as on the command line.
+/// Text of a loader's warning, with options named as on the command line.
 fn in_words(warning: &LoadWarning) -> String {
     match warning {
         LoadWarning::Units { radius, suggested } => {
@@ -71,12 +86,12 @@ fn in_words(warning: &LoadWarning) -> String {
     }
 }
 
-/// Warnings of a loader in words, for JSON.
+/// Texts of a loader's warnings.
 pub fn words(warnings: &[LoadWarning]) -> Vec<String> {
     warnings.iter().map(in_words).collect()
 }
 
-/// Prints what a loader warned of about `argument`.
+/// Prints a loader's warnings about `argument`.
 pub fn warn_of_loading(argument: &str, warnings: &[LoadWarning]) {
     warn(argument, &words(warnings));
 }

@@ -1,4 +1,7 @@
-//! `palpate recommend`: tries settings on the objects themselves, and picks those that keep contact steps within a time.
+//! `palpate recommend`: tries settings with the user's objects, and chooses the best whose contact steps fit
+//! into a time.
+
+use std::fmt::Display;
 
 use palpate::device::{Interpolation, MotionPath};
 use palpate::errors::RendererError;
@@ -11,14 +14,14 @@ use crate::arguments::RecommendArguments;
 use crate::failure::Failure;
 use crate::{output, progress, textures};
 
-/// Longest that the hand moves the probe, s: each setting goes along all of it.
-const LONGEST: f64 = 600.0;
+/// Largest duration of the hand's motion, s. Each setting renders all of it, so longer ones take hours.
+const MAX_SECONDS: f64 = 600.0;
 
 #[derive(Serialize)]
 struct Advice<'a> {
-    /// The command that renders with what is recommended.
+    /// Command that renders with the recommended settings.
     command: &'a str,
-    /// Time that was allowed for a contact step, s.
+    /// Time limit of a contact step, s.
     budget: f64,
     /// Haptic period, s.
     period: f64,
@@ -28,8 +31,10 @@ struct Advice<'a> {
 
 pub fn run(arguments: &RecommendArguments) -> Result<(), Failure> {
     let seconds = arguments.seconds;
-    if !(seconds > 0.0 && seconds <= LONGEST) {
-        return Err(Failure::Message(format!("--seconds {seconds}: give more than 0, at most {LONGEST}")));
+    if !(seconds > 0.0 && seconds <= MAX_SECONDS) {
+        return Err(Failure::Message(format!(
+            "--seconds {seconds}: give more than 0, at most {MAX_SECONDS}"
+        )));
     }
     let trajectory = arguments.trajectory.as_deref();
     output::check_files(trajectory.as_slice(), arguments.json.file().as_slice())?;
@@ -56,33 +61,37 @@ pub fn run(arguments: &RecommendArguments) -> Result<(), Failure> {
     bar.finish_and_clear();
     let command = command(arguments, &found.chosen.choice);
     let advice = Advice { command: &command, budget, period, recommendation: &found };
-    output::result(&arguments.json, &advice, |table| {
-        table.row([
-            &"",
-            &"s0",
-            &"smooth",
-            &"limit",
-            &"grid",
-            &"median",
-            &"p99",
-            &"force off",
-            &"torque off",
-            &"vibration",
-            &"memory",
-        ]);
-        for measured in &found.tried {
-            let mark = match (*measured == found.chosen, measured.fits) {
-                (true, _) => "->",
-                (false, true) => "",
-                (false, false) => "slow",
-            };
-            row(table, mark, measured);
-        }
-        table.row([]);
-        for (name, value) in told(&advice) {
-            table.row([&name, &value]);
-        }
-    })
+    output::result(&arguments.json, &advice, |table| print(&advice, table))
+}
+
+/// Rows of all settings that were tried, and the recommendation.
+fn print(advice: &Advice<'_>, table: &mut output::Table) {
+    const HEADINGS: [&str; 11] = [
+        "",
+        "s0",
+        "smooth",
+        "limit",
+        "grid",
+        "median",
+        "p99",
+        "force off",
+        "torque off",
+        "vibration",
+        "memory",
+    ];
+    table.row(HEADINGS.each_ref().map(|heading| heading as &dyn Display));
+    for measured in &advice.recommendation.tried {
+        let mark = match (*measured == advice.recommendation.chosen, measured.fits) {
+            (true, _) => "->",
+            (false, true) => "",
+            (false, false) => "slow",
+        };
+        row(table, mark, measured);
+    }
+    table.row([]);
+    for (name, value) in in_words(advice) {
+        table.row([&name, &value]);
+    }
 }
 
 fn row(table: &mut output::Table, mark: &str, measured: &Measured) {
@@ -117,8 +126,8 @@ fn row(table: &mut output::Table, mark: &str, measured: &Measured) {
     ]);
 }
 
-/// What is recommended in words.
-fn told(advice: &Advice<'_>) -> Vec<(&'static str, String)> {
+/// Lines of the recommendation: names and values.
+fn in_words(advice: &Advice<'_>) -> Vec<(&'static str, String)> {
     let Advice { command, budget, period, recommendation: found } = advice;
     let (chosen, force) = (&found.chosen, found.chosen.felt.force);
     let micros = |seconds: f64| format!("{:.1} µs", 1e6 * seconds);
@@ -162,7 +171,7 @@ fn told(advice: &Advice<'_>) -> Vec<(&'static str, String)> {
     ]
 }
 
-/// The command that renders with a choice, besides what else was given.
+/// Command that renders with the chosen settings and the options that were given.
 fn command(arguments: &RecommendArguments, choice: &Choice) -> String {
     let mut words = vec![format!("palpate run {} {}", arguments.probe, arguments.scene)];
     words.extend(arguments.reading.words());

@@ -1,7 +1,6 @@
 //! `palpate run`: renders a probe against a scene through a device.
 
 use std::fs::File;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,8 +11,8 @@ use palpate::errors::RendererError;
 use palpate::settings::GripperSettings;
 use palpate::tool::{HingedRecord, ToolFile};
 use palpate::{
-    ContactTiming, HapticRenderer, Pose, Record, RecordWriter, Recorded, Scene, SceneFile, Session, Settings,
-    explore,
+    ContactTiming, HapticRenderer, Object, Pose, Record, RecordWriter, Recorded, Scene, SceneFile, Session,
+    Settings, Summary, explore,
 };
 use palpate_report::{Machine, Rendered, Report};
 
@@ -24,10 +23,12 @@ use crate::{output, progress, textures};
 
 /// Duration of a session without `--seconds`, s.
 const DEFAULT_SECONDS: f64 = 10.0;
-/// Longest session, s: a day.
+/// Largest duration of a session, s: a day.
 const MAX_SECONDS: f64 = 86_400.0;
-/// Largest number of steps in a report, which keeps them in memory: about 1 GB.
+/// Largest number of steps in a report, which holds them in memory: about 1 GB.
 const MAX_REPORTED_STEPS: f64 = 4e6;
+/// Rate of contact queries under `--lockstep` without `--contact-rate`, Hz.
+const DEFAULT_CONTACT_RATE: f64 = 500.0;
 
 pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
     match &arguments.tool {
@@ -36,7 +37,7 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
     }
 }
 
-/// `palpate view`: the same behind a window.
+/// `palpate view`: a session with a window.
 pub fn view(arguments: &crate::arguments::ViewArguments) -> Result<(), Failure> {
     if !cfg!(feature = "view") {
         let (probe, scene) = (&arguments.run.probe, &arguments.run.scene);
@@ -77,11 +78,7 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     let probe =
         textures::open(&arguments.probe, &arguments.textures.of_probe(), &arguments.reading.of_probe())?;
     let (scene, settings) = open_scene(arguments, &arguments.scene)?;
-    let radius = probe.bounding_radius();
-    let settings = arguments.physics.applied_to(arguments.textures.applied_to(settings), radius);
-    let settings = arguments.resolution.applied_to(settings, &probe)?;
-    settings.check().map_err(RendererError::from)?;
-    let timing = timing(arguments, &settings)?;
+    let (settings, timing) = session_settings(arguments, settings, &probe, probe.bounding_radius())?;
     let (device, steering) = if window.is_some() {
         explore::open_steered_device(&arguments.device, &probe, &scene, &settings)?
     } else {
@@ -95,11 +92,7 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     }
     let (device, taps) = wrapped(arguments, device)?;
     let shown = window.is_some();
-    // Distance fields are made the first time.
-    let waiting = progress::waiting("preparing contacts");
-    let renderer = HapticRenderer::new(probe, scene, device, settings);
-    waiting.finish_and_clear();
-    let mut renderer = renderer?;
+    let mut renderer = prepared(|| HapticRenderer::new(probe, scene, device, settings))?;
     renderer.set_integrator(Arc::new(arguments.physics.integrator()));
     let rendered = Rendered::of(&renderer);
 
@@ -116,52 +109,74 @@ fn render(arguments: &RunArguments, window: Option<Window>) -> Result<(), Failur
     let summary = session.summary();
     let kept = recorder.close()?;
     if let (Some(records), Some(path)) = (kept, &arguments.report) {
-        let title = format!("{} against {}", arguments.probe, arguments.scene);
-        let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
-        let command = words.collect::<Vec<_>>().join(" ");
-        let machine = Machine::this();
-        let (title, command, records) = (title.as_str(), command.as_str(), records.as_slice());
-        let report =
-            Report { title, command, summary: &summary, records, rendered: &rendered, machine: &machine };
-        std::fs::write(path, report.to_html()?).map_err(|error| Failure::writing(path, error))?;
+        write_report(arguments, path, &summary, &records, &rendered)?;
     }
-    output::result(&arguments.json, &summary, |table| {
-        for (name, value) in palpate_report::measured(&summary) {
+    print(arguments, &summary, &next_steps(arguments, shown))
+}
+
+/// Settings and timing of a session: those of the scene file, with the options of the command line.
+fn session_settings(
+    arguments: &RunArguments,
+    settings: Settings,
+    probe: &Object,
+    radius: f64,
+) -> Result<(Settings, ContactTiming), Failure> {
+    let settings = arguments.physics.applied_to(arguments.textures.applied_to(settings), radius);
+    let settings = arguments.resolution.applied_to(settings, probe)?;
+    settings.check().map_err(RendererError::from)?;
+    Ok((settings, timing(arguments, &settings)?))
+}
+
+/// Makes a renderer, with a spinner: distance fields may have to be made.
+fn prepared<R>(make: impl FnOnce() -> Result<R, RendererError>) -> Result<R, Failure> {
+    let waiting = progress::waiting("preparing contacts");
+    let renderer = make();
+    waiting.finish_and_clear();
+    Ok(renderer?)
+}
+
+/// Writes the HTML report of a session.
+fn write_report(
+    arguments: &RunArguments,
+    path: &Path,
+    summary: &Summary,
+    records: &[Record],
+    rendered: &Rendered,
+) -> Result<(), Failure> {
+    let title = &format!("{} against {}", arguments.probe, arguments.scene);
+    let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+    let command = &words.collect::<Vec<_>>().join(" ");
+    let report = Report { title, command, summary, records, rendered, machine: &Machine::this() };
+    std::fs::write(path, report.to_html()?).map_err(|error| Failure::writing(path, error))
+}
+
+/// Prints the summary of a session, and lines after it.
+fn print(arguments: &RunArguments, summary: &Summary, lines: &[String]) -> Result<(), Failure> {
+    output::result(&arguments.json, summary, |table| {
+        for (name, value) in palpate_report::measured(summary) {
             table.row([&name, &value]);
         }
-        table.row([]);
-        for line in what_next(arguments, shown) {
-            table.row([&line]);
+        if !lines.is_empty() {
+            table.row([]);
         }
+        lines.iter().for_each(|line| table.row([line]));
     })
 }
 
-/// A tool with a hinge in the hand, and no window.
+/// Renders a session with a tool with a hinge, without a window.
 fn render_tool(arguments: &RunArguments, path: &Path) -> Result<(), Failure> {
     let seconds = checked_seconds(arguments.seconds.unwrap_or(DEFAULT_SECONDS))?;
     check_rate(arguments.contact_rate)?;
     check_files(arguments, None)?;
     let file = ToolFile::load(path)?;
-    let bar = progress::bar(&path.display().to_string());
-    let opened = file.open(path, &mut |model, stage, done| {
-        bar.set_message(format!("{model}: {stage}"));
-        progress::set(&bar, done);
-        ControlFlow::Continue(())
-    });
-    bar.finish_and_clear();
-    let tool = opened?;
+    let tool = progress::open_all(&path.display().to_string(), |progress| file.open(path, progress))?;
     let (scene, settings) = open_scene(arguments, &arguments.probe)?;
     let radius = tool.first.bounding_radius().min(tool.second.bounding_radius());
-    let settings = arguments.physics.applied_to(arguments.textures.applied_to(settings), radius);
-    let settings = arguments.resolution.applied_to(settings, &tool.first)?;
-    settings.check().map_err(RendererError::from)?;
-    let timing = timing(arguments, &settings)?;
+    let (settings, timing) = session_settings(arguments, settings, &tool.first, radius)?;
     let device = explore::open_device_for(&arguments.device, &tool.first, &scene, &settings)?;
     let (device, taps) = wrapped(arguments, device)?;
-    let waiting = progress::waiting("preparing contacts");
-    let renderer = HapticRenderer::hinged(&tool, scene, device, settings, &GripperSettings::default());
-    waiting.finish_and_clear();
-    let renderer = renderer?;
+    let gripper = GripperSettings::default();
+    let renderer = prepared(|| HapticRenderer::hinged(&tool, scene, device, settings, &gripper))?;
 
     let stop = stop_on_interrupt()?;
     let bar = progress::bar("rendering");
@@ -174,15 +189,10 @@ fn render_tool(arguments: &RunArguments, path: &Path) -> Result<(), Failure> {
     };
     bar.finish_and_clear();
     recorder.close()?;
-    let summary = session.summary();
-    output::result(&arguments.json, &summary, |table| {
-        for (name, value) in palpate_report::measured(&summary) {
-            table.row([&name, &value]);
-        }
-    })
+    print(arguments, &session.summary(), &[])
 }
 
-/// A duration, s, in range.
+/// Refuses a duration (s) that is out of range.
 fn checked_seconds(seconds: f64) -> Result<f64, Failure> {
     if seconds > 0.0 && seconds <= MAX_SECONDS {
         return Ok(seconds);
@@ -190,7 +200,7 @@ fn checked_seconds(seconds: f64) -> Result<f64, Failure> {
     Err(Failure::Message(format!("--seconds {seconds}: give more than 0, at most {MAX_SECONDS}")))
 }
 
-/// The device as the arguments want it: with a button to enable it, and recorded.
+/// Wraps the device as the options require: with a button that enables it, and recorded.
 fn wrapped(
     arguments: &RunArguments,
     device: Box<dyn HapticDevice>,
@@ -206,8 +216,8 @@ fn wrapped(
     Ok((Box::new(tap), Some((path.as_path(), taps, writer))))
 }
 
-/// How to look at what was rendered.
-fn what_next(arguments: &RunArguments, shown: bool) -> Vec<String> {
+/// Hints on how to view the session.
+fn next_steps(arguments: &RunArguments, shown: bool) -> Vec<String> {
     let (probe, scene) = (&arguments.probe, &arguments.scene);
     let report = match &arguments.report {
         Some(path) => format!("The report is {0}; open it in a browser: {OPENER} {0}", path.display()),
@@ -217,7 +227,7 @@ fn what_next(arguments: &RunArguments, shown: bool) -> Vec<String> {
     std::iter::once(report).chain(window).collect()
 }
 
-/// What opens a file in a browser.
+/// Command that opens a file in a browser.
 const OPENER: &str = if cfg!(windows) {
     "start"
 } else if cfg!(target_os = "macos") {
@@ -226,7 +236,7 @@ const OPENER: &str = if cfg!(windows) {
     "xdg-open"
 };
 
-/// The command that opens a window, with this build or another.
+/// Command that opens a window, with this build or another.
 fn view_command() -> &'static str {
     if cfg!(feature = "view") {
         "palpate view"
@@ -235,7 +245,7 @@ fn view_command() -> &'static str {
     }
 }
 
-/// What is touched, and the settings that a scene file has.
+/// Opens the scene, and reads the settings of a scene file.
 fn open_scene(arguments: &RunArguments, scene: &str) -> Result<(Scene, Settings), Failure> {
     let path = Path::new(scene);
     let detail = arguments.textures.of_scene();
@@ -256,14 +266,7 @@ fn open_scene(arguments: &RunArguments, scene: &str) -> Result<(Scene, Settings)
         )));
     }
     let file = SceneFile::load(path)?;
-    let bar = progress::bar(scene);
-    let opened = file.open(path, &mut |model, stage, done| {
-        bar.set_message(format!("{model}: {stage}"));
-        progress::set(&bar, done);
-        ControlFlow::Continue(())
-    });
-    bar.finish_and_clear();
-    let scene = opened?;
+    let scene = progress::open_all(scene, |progress| file.open(path, progress))?;
     for placed in scene.objects() {
         progress::warn_of_loading(&placed.object.name, placed.object.warnings());
     }
@@ -302,7 +305,7 @@ fn show(
     Err(Failure::Message("there is no window without the feature `view`".to_owned()))
 }
 
-/// The file whose path the hand of an emulated device follows, by the device's address.
+/// File of the path that an emulated hand follows, by the device's address.
 fn followed(device: &str) -> Option<&str> {
     let followed = device.split_once("path=").filter(|_| device.starts_with("emulated"));
     followed.map(|(_, file)| file)
@@ -324,9 +327,6 @@ fn check_files(arguments: &RunArguments, window: Option<&Window>) -> Result<(), 
     output::check_files(&read, &written)
 }
 
-/// Contact queries a second where none are asked for, Hz.
-const CONTACT_RATE: f64 = 500.0;
-
 fn check_rate(given: Option<f64>) -> Result<(), Failure> {
     match given {
         Some(rate) if !(rate.is_finite() && rate > 0.0) => {
@@ -340,14 +340,14 @@ fn timing(arguments: &RunArguments, settings: &Settings) -> Result<ContactTiming
     let most = settings.timing.rate;
     match arguments.contact_rate {
         Some(rate) if rate > most => Err(Failure::Message(format!(
-            "--contact-rate {rate}: the haptic loop takes one contact model a step, so no more than its --rate is reached; give \
-             at most {most} Hz"
+            "--contact-rate {rate}: the haptic loop takes one contact model per step, so it cannot exceed --rate; give at most \
+             {most} Hz"
         ))),
-        given => Ok(ContactTiming::busy(given.unwrap_or(CONTACT_RATE))),
+        given => Ok(ContactTiming::busy(given.unwrap_or(DEFAULT_CONTACT_RATE))),
     }
 }
 
-/// A flag that Ctrl-C sets: the session then ends in order, with its recording complete.
+/// Flag that Ctrl-C sets: the session then ends in order, with its recording complete.
 fn stop_on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
@@ -356,10 +356,10 @@ fn stop_on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
     Ok(stop)
 }
 
-/// What the device tells, and the file that it goes to.
+/// Readings of a device, and the file that they are written to.
 type Tapped<'a> = (&'a Path, Taps, RecordingWriter<File>);
 
-/// Takes the rows of a session: to a file as they come, and kept where a report wants them.
+/// Recorder of a session's rows: writes them to a file as they come, and keeps them for a report.
 struct Recorder<'a, R: Recorded> {
     file: Option<(&'a Path, RecordWriter<File, R>)>,
     device: Option<Tapped<'a>>,
@@ -407,7 +407,7 @@ impl<'a, R: Recorded> Recorder<'a, R> {
         Ok(())
     }
 
-    /// Completes the files; the rows that were kept for a report.
+    /// Completes the files. Returns the rows that were kept for a report.
     fn close(mut self) -> Result<Option<Vec<R>>, Failure> {
         if let Some((path, file)) = self.file.take() {
             file.finish().map_err(|error| Failure::writing(path, error))?;

@@ -1,4 +1,4 @@
-//! Objects with haptic textures, as `palpate run` is asked for them.
+//! Objects with haptic textures, by the options of the command line.
 
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -10,30 +10,31 @@ use palpate::{Object, OpenOptions, open_mesh};
 use crate::failure::Failure;
 use crate::progress;
 
-/// Edges of coarse meshes are sharp where their triangles differ by more, rad.
+/// Angle between triangles of a coarse mesh above which their edge is sharp, rad. With a smaller one, round
+/// surfaces get creases; with a larger one, sharp edges are rounded.
 const CREASE: f64 = 0.6;
 
-/// Texels are this part of the bounding radius where nothing is said of them.
-const TEXEL: f64 = 1.0 / 400.0;
+/// Default size of baked texels, in bounding radii. Smaller ones take more memory and time.
+const DEFAULT_TEXEL: f64 = 1.0 / 400.0;
 
-/// Where an object's fine detail comes from.
+/// Source of an object's fine detail.
 pub enum Detail<'a> {
-    /// None is asked for.
+    /// No option was given.
     None,
-    /// An image for the object's texture coordinates, of so many metres from black to white.
+    /// An image for the object's texture coordinates, and its amplitude from black to white, m.
     Heights(&'a Path, f64),
-    /// A detailed mesh in the same frame, and the size of texels to bake it with, m.
+    /// A detailed mesh in the same frame, and the size of baked texels, m.
     Mesh(&'a str, Option<f64>),
 }
 
-/// Opens an object with its detail and progress bars, and prints what the loaders warn of. A glTF file has the detail of the
-/// height texture that it names, if it is asked for no other.
+/// Opens an object with its detail and a progress bar, and prints the loaders' warnings. Without an option
+/// for detail, a glTF file has the detail of the height texture that it names.
 pub fn open(argument: &str, detail: &Detail<'_>, options: &OpenOptions) -> Result<Object, Failure> {
     match *detail {
-        // What cannot be read is told by what opens it.
+        // If the file cannot be read, opening it reports the error.
         Detail::None if names_height_texture(Path::new(argument)).unwrap_or(false) => {
             if options.repair {
-                let left_out = "its height texture is left out: repair parts triangles from it";
+                let left_out = "its height texture is left out: repair separates triangles from it";
                 progress::warn(argument, &[left_out.to_owned()]);
                 return Ok(progress::open(argument, options)?);
             }
@@ -45,7 +46,7 @@ pub fn open(argument: &str, detail: &Detail<'_>, options: &OpenOptions) -> Resul
     }
 }
 
-/// An object displaced by an image and its amplitude, or by the height texture that its file names.
+/// Opens an object displaced by an image with an amplitude, or by the height texture that its file names.
 fn displaced(argument: &str, image: Option<(&Path, f64)>, options: &OpenOptions) -> Result<Object, Failure> {
     let load = LoadOptions { scale: options.scale, repair: options.repair, ..LoadOptions::default() };
     let loaded = load_uv(Path::new(argument), &load).map_err(|error| Failure::Message(error.to_string()))?;
@@ -86,7 +87,7 @@ fn baked(
     let (coarse, detailed) = (coarse?, detailed?);
     progress::warn_of_loading(&coarse.name, &coarse.warnings);
     progress::warn_of_loading(&detailed.name, &detailed.warnings);
-    let texel = texel.unwrap_or(TEXEL * coarse.mesh.bounding_sphere().radius);
+    let texel = texel.unwrap_or(DEFAULT_TEXEL * coarse.mesh.bounding_sphere().radius);
     let bar = progress::bar(&format!("{}: baking", detailed.name));
     let options = BakeOptions { texel, reach: None, crease: CREASE };
     let made = Object::detailed(argument, &coarse.mesh, &detailed.mesh, &options, &mut |fraction| {

@@ -1,14 +1,15 @@
-//! Whatever file it is given, each command ends in time with a result or a one-line error: never a panic.
+//! Invalid files: each command ends in time with a result or a one-line error, and never panics.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A hang, rather than work: simplifying the worst of them takes half a minute in a development build on an idle machine.
-const LIMIT: Duration = Duration::from_secs(180);
+/// Time after which a command counts as hanging. Simplifying the worst file takes half a minute in a
+/// development build on an idle machine.
+const TIMEOUT: Duration = Duration::from_secs(180);
 
-/// Runs `palpate`; its exit code and standard error.
+/// Runs `palpate`, and returns its exit code and standard error.
 fn palpate(arguments: &[&str], folder: &Path) -> (i32, String) {
     let begun = Instant::now();
     let mut child = Command::new(env!("CARGO_BIN_EXE_palpate"))
@@ -19,16 +20,16 @@ fn palpate(arguments: &[&str], folder: &Path) -> (i32, String) {
         .stderr(Stdio::piped())
         .spawn()
         .expect("the binary starts");
-    // Read beside waiting, so that a full pipe does not look like a hang.
+    // Another thread reads standard error, so that a full pipe does not look like a hang.
     let mut pipe = child.stderr.take().expect("piped");
     let reader = std::thread::spawn(move || std::io::read_to_string(&mut pipe));
     let status = loop {
         if let Some(status) = child.try_wait().expect("waiting") {
             break status;
         }
-        if begun.elapsed() > LIMIT {
+        if begun.elapsed() > TIMEOUT {
             child.kill().expect("kill");
-            panic!("palpate {arguments:?} took longer than {LIMIT:?}");
+            panic!("palpate {arguments:?} took longer than {TIMEOUT:?}");
         }
         std::thread::sleep(Duration::from_millis(5));
     };
@@ -36,7 +37,8 @@ fn palpate(arguments: &[&str], folder: &Path) -> (i32, String) {
     (status.code().unwrap_or_else(|| panic!("palpate {arguments:?} died: {status}; {stderr}")), stderr)
 }
 
-/// Ends well: 0 with a result, or 1 with one line that names the trouble. The exit code and standard error.
+/// Runs a command that must exit with 0 and a result, or with 1 and one line. Returns the exit code and
+/// standard error.
 fn ends_well(arguments: &[&str], folder: &Path) -> (i32, String) {
     let (code, stderr) = palpate(arguments, folder);
     let errors: Vec<&str> = stderr.lines().filter(|line| !line.contains(": warning: ")).collect();
@@ -52,7 +54,7 @@ fn ends_well(arguments: &[&str], folder: &Path) -> (i32, String) {
     (code, stderr)
 }
 
-/// Runs every command; how building ended, without and with repair.
+/// Runs every command on a file. Returns the outcomes of building it without and with repair.
 fn every_command(file: &str, folder: &Path) -> [(i32, String); 2] {
     let trajectory = folder.join("trajectory.csv");
     std::fs::write(&trajectory, "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0.001,0,0,0.001,0,0,0,1\n")
@@ -82,7 +84,7 @@ fn every_command(file: &str, folder: &Path) -> [(i32, String); 2] {
 fn shared(path: &str) -> Option<PathBuf> {
     let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")).join(path);
     if !folder.exists() {
-        // Straight to the stream: the test runner keeps back what the print macros say.
+        // Written to the stream, because the test runner captures the print macros.
         let _ = writeln!(std::io::stderr(), "skipped: {} is absent", folder.display());
         return None;
     }
@@ -99,18 +101,18 @@ fn files_in(folder: &Path) -> Vec<String> {
     files
 }
 
-/// Files of more bytes than this take minutes in a development build.
-const LARGE: u64 = 400_000;
+/// Size (bytes) above which files take minutes in a development build.
+const MAX_DEVELOPMENT_BYTES: u64 = 400_000;
 
 #[test]
 fn nasty_meshes_end_well() {
-    nasty_meshes(4, |bytes| bytes <= LARGE);
+    nasty_meshes(4, |bytes| bytes <= MAX_DEVELOPMENT_BYTES);
 }
 
 #[test]
 #[ignore = "for a release build: cargo test --release -p palpate-cli --test hostile_files -- --ignored"]
 fn nasty_meshes_of_full_size_end_well() {
-    nasty_meshes(5, |bytes| bytes > LARGE);
+    nasty_meshes(5, |bytes| bytes > MAX_DEVELOPMENT_BYTES);
 }
 
 fn nasty_meshes(at_least: usize, size: impl Fn(u64) -> bool) {
@@ -139,7 +141,7 @@ fn nasty_loader_files_end_well() {
 }
 
 #[test]
-fn made_up_trouble_ends_well() {
+fn generated_invalid_files_end_well() {
     let temporary = tempfile::tempdir().expect("temporary folder");
     let folder = temporary.path();
     let write = |name: &str, bytes: &[u8]| {

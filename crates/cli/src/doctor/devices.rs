@@ -1,4 +1,4 @@
-//! HID devices, and whether the current user may open them.
+//! Check of HID devices: whether the current user may open them.
 
 use palpate::device::hid::{PluggedIn, plugged_in};
 
@@ -14,7 +14,7 @@ pub fn finding() -> Finding {
 
 fn verdict_on(devices: &[PluggedIn]) -> Finding {
     if devices.is_empty() {
-        let seen = "none that palpate has a driver for is plugged in".to_owned();
+        let seen = "no device with a palpate driver is plugged in".to_owned();
         return Finding::new(NAME, Verdict::Unknown, seen).with_remedy(
             "plug one in and switch it on, or use `--device emulated`; the udev rules for permission to open one are \
              printed by `palpate devices --udev`",

@@ -1,18 +1,18 @@
-//! What was found about one subject.
+//! Findings of the doctor.
 
 use std::fmt;
 
 use serde::Serialize;
 
-/// What was found about one subject.
+/// Finding about one subject.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// The subject.
+    /// Name of the subject.
     pub name: &'static str,
     pub verdict: Verdict,
-    /// What was measured or seen.
+    /// Measurement or observation.
     pub measured: String,
-    /// What to do about it; none where nothing needs doing.
+    /// Remedy, if one is needed.
     pub remedy: Option<String>,
 }
 

@@ -1,4 +1,4 @@
-//! Graphics adapters, which compute haptic textures, and show the window of `palpate view`.
+//! Check of graphics adapters, which compute haptic textures and draw the window of `palpate view`.
 
 use palpate::texture_pd::wgpu::{AdapterInfo, DeviceType};
 
@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn software_is_no_graphics_card() {
+    fn a_software_driver_is_not_a_graphics_card() {
         let adapter = |name: &str, device_type| AdapterInfo {
             name: name.to_owned(),
             ..AdapterInfo::new(device_type, Backend::Vulkan)

@@ -1,26 +1,27 @@
-//! How late the machine's timer wakes a thread that sleeps as the haptic thread does.
+//! Lateness with which the machine's timer wakes a thread that sleeps as the haptic thread does.
 
 use palpate::machine::WakeLateness;
 use serde::Serialize;
 
 use super::finding::{Finding, Verdict};
 
-/// Rate at which the thread is woken, Hz: that of the haptic loop.
+/// Rate of wake-ups, Hz: that of the haptic loop.
 pub const RATE: f64 = 1000.0;
-/// How long it is measured, s.
+/// Duration of the measurement, s. A shorter one misses rare late wake-ups.
 pub const SECONDS: f64 = 4.0;
 
-/// Lateness at the 99th percentile that a haptic loop of 1 kHz does not notice: a tenth of its period, µs.
-const UNNOTICED: f64 = 100.0;
-/// Lateness at the 99th percentile with which a step hardly ends in its period, µs.
-const TOO_LATE: f64 = 500.0;
-/// Part of the periods that may be missed before forces are felt to stutter.
-const MISSED: f64 = 1e-3;
+/// Largest 99th percentile of the lateness for the verdict "good", µs: a tenth of the period at 1 kHz.
+const MAX_GOOD_P99: f64 = 100.0;
+/// Largest 99th percentile of the lateness for "could be better", µs: above it, steps hardly end in their
+/// period.
+const MAX_FAIR_P99: f64 = 500.0;
+/// Largest fraction of missed periods for "could be better": above it, forces stutter.
+const MAX_FAIR_MISSED: f64 = 1e-3;
 /// Upper ends of the plot's rows, µs.
 const ENDS: [f64; 13] =
     [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, 10_000.0];
-/// Columns of a row that holds all wake-ups.
-const WIDTH: usize = 40;
+/// Length of the longest bar of the plot, columns.
+const MAX_BAR: usize = 40;
 
 /// Lateness of wake-ups, µs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -29,16 +30,16 @@ pub struct Lateness {
     pub p99: f64,
     pub p999: f64,
     pub max: f64,
-    /// Wake-ups that were measured.
+    /// Number of wake-ups.
     pub wakes: u64,
-    /// Periods that were slept through.
+    /// Number of periods that the thread slept through.
     pub missed: u64,
     pub rate_hz: f64,
     pub scheduling: String,
     pub histogram: Vec<Bin>,
 }
 
-/// The wake-ups in a range of lateness, µs: later than `from`, at most `to` (none: without bound).
+/// Number of wake-ups in a range of lateness (µs): later than `from`, at most `to` (`None`: without bound).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Bin {
     pub from: f64,
@@ -55,7 +56,7 @@ impl Lateness {
         let mut seen = 0;
         let mut from = 0.0;
         for to in ENDS {
-            // Cumulative counts, so that a bucket of the histogram across an end is counted once.
+            // Counts are cumulative, so that a bucket of the histogram across an end is counted once.
             let up_to = times.count_between(0, nanoseconds(to));
             histogram.push(Bin { from, to: Some(to), count: up_to.saturating_sub(seen) });
             (seen, from) = (up_to.max(seen), to);
@@ -81,9 +82,9 @@ pub fn finding(lateness: &Lateness, realtime: bool) -> Finding {
     let missed_part = if periods > 0 { *missed as f64 / periods as f64 } else { 0.0 };
     let verdict = if *wakes == 0 {
         Verdict::Unknown
-    } else if *p99 <= UNNOTICED && *missed == 0 {
+    } else if *p99 <= MAX_GOOD_P99 && *missed == 0 {
         Verdict::Good
-    } else if *p99 <= TOO_LATE && missed_part <= MISSED {
+    } else if *p99 <= MAX_FAIR_P99 && missed_part <= MAX_FAIR_MISSED {
         Verdict::CouldBeBetter
     } else {
         Verdict::Bad
@@ -95,15 +96,15 @@ pub fn finding(lateness: &Lateness, realtime: bool) -> Finding {
     match verdict {
         Verdict::Good | Verdict::Unknown => finding,
         _ if realtime => finding.with_remedy(
-            "close other programs; render on a machine of your own rather than in a virtual one; a kernel with PREEMPT_RT is \
-             later still less often",
+            "close other programs; render on a physical machine rather than a virtual one; a kernel with PREEMPT_RT wakes late \
+             even less often",
         ),
         _ => finding.with_remedy("allow real-time scheduling (above), and close other programs"),
     }
 }
 
-/// The histogram as text: a row a range, with bars on a logarithmic scale so that few late wake-ups are seen beside many good
-/// ones.
+/// Histogram as text: one row per range, with bars on a logarithmic scale so that a few late wake-ups show
+/// beside many good ones.
 pub fn plot(lateness: &Lateness) -> Vec<String> {
     let Lateness { p50, p99, p999, max, wakes, histogram, .. } = lateness;
     let mut lines = vec![format!("lateness of {wakes} wake-ups, µs (bars are logarithmic)")];
@@ -122,14 +123,14 @@ pub fn plot(lateness: &Lateness) -> Vec<String> {
     lines
 }
 
-/// A bar of eighths of a column, as long as the logarithm of one more than the count.
+/// Bar of a count, in eighths of a column: its length is proportional to ln(1 + count).
 fn bar(count: u64, most: u64) -> String {
     const EIGHTHS: [&str; 8] = ["", "▏", "▎", "▍", "▌", "▋", "▊", "▉"];
     if count == 0 || most == 0 {
         return "·".to_owned();
     }
     let share = (1.0 + count as f64).ln() / (1.0 + most as f64).ln();
-    let eighths = ((8 * WIDTH) as f64 * share).round() as usize;
+    let eighths = ((8 * MAX_BAR) as f64 * share).round() as usize;
     "█".repeat(eighths / 8) + EIGHTHS[eighths % 8]
 }
 
@@ -151,7 +152,7 @@ mod tests {
         let times: Vec<u64> = (1..=20_000).collect();
         let lateness = Lateness::new(&measured(&times, 0));
         assert_eq!(lateness.histogram.iter().map(|bin| bin.count).sum::<u64>(), 20_000);
-        // The histogram keeps three digits.
+        // The histogram has a precision of three digits.
         for bin in &lateness.histogram {
             let expected = bin.to.unwrap_or(20_000.0) - bin.from;
             assert!(
@@ -178,7 +179,7 @@ mod tests {
     #[test]
     fn bars_are_longer_for_more() {
         assert_eq!(bar(0, 10), "·");
-        assert_eq!(bar(1000, 1000).chars().count(), WIDTH);
+        assert_eq!(bar(1000, 1000).chars().count(), MAX_BAR);
         let lengths: Vec<usize> = [1, 10, 100, 1000].map(|count| bar(count, 1000).chars().count()).into();
         assert!(lengths.is_sorted() && lengths[0] >= 1 && lengths[0] < lengths[3], "{lengths:?}");
     }

@@ -1,5 +1,5 @@
-//! Libraries of device makers. Their files are looked for where the system's loader looks; none is loaded, since a maker's
-//! library may do anything when it is.
+//! Check of the libraries of device makers. Their files are searched where the system's loader searches; none
+//! is loaded, since a library may run any code when it is loaded.
 
 use std::path::{Path, PathBuf};
 
@@ -51,7 +51,8 @@ fn verdict_on(found: &[(SdkLibrary, Option<PathBuf>)]) -> Finding {
     }
 }
 
-/// The file that the environment names, else the first of the maker's names that is in one of the folders.
+/// File that the environment names, or else the first of the maker's file names that exists in one of the
+/// folders.
 fn find(library: &SdkLibrary, folders: &[PathBuf]) -> Option<PathBuf> {
     let named = library.named_file().filter(|file| file.is_file());
     named.or_else(|| {
@@ -60,7 +61,7 @@ fn find(library: &SdkLibrary, folders: &[PathBuf]) -> Option<PathBuf> {
     })
 }
 
-/// Where the system's loader looks for libraries.
+/// Folders in which the system's loader searches for libraries.
 fn folders() -> Vec<PathBuf> {
     let variable = if cfg!(windows) {
         "PATH"
@@ -82,7 +83,7 @@ fn folders() -> Vec<PathBuf> {
     folders
 }
 
-/// The folders that `ld.so.conf` and the files in `ld.so.conf.d` name, in `etc`.
+/// Folders that `ld.so.conf` and the files in `ld.so.conf.d` list, in `etc`.
 fn configured(etc: &Path) -> Vec<PathBuf> {
     let files = std::fs::read_dir(etc.join("ld.so.conf.d")).into_iter().flatten().flatten();
     let files = std::iter::once(etc.join("ld.so.conf")).chain(files.map(|entry| entry.path()));

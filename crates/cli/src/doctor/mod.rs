@@ -1,7 +1,7 @@
-//! `palpate doctor`: whether this machine is fit for haptics.
+//! `palpate doctor`: checks whether this machine is fit for haptics.
 //!
-//! What takes unknown time (drivers, devices, folders on a network) is looked at in threads of their own and given up after
-//! [`PATIENCE`]; then the machine is left alone while the lateness of its timer is measured.
+//! Checks of unknown duration (drivers, devices, folders on a network) run in separate threads, and are
+//! abandoned after [`TIMEOUT`]. Then the lateness of the timer is measured, with nothing else running.
 
 mod cache;
 mod devices;
@@ -24,21 +24,22 @@ use crate::output;
 use finding::{Finding, Verdict};
 use lateness::Lateness;
 
-/// How long drivers, devices and folders may take to answer.
-const PATIENCE: Duration = Duration::from_secs(3);
+/// Time limit of the checks of drivers, devices and folders. With a shorter one, slow drivers are reported as
+/// unknown.
+const TIMEOUT: Duration = Duration::from_secs(3);
 
 #[derive(Serialize)]
 struct Report {
     machine: Machine,
     findings: Vec<Finding>,
     lateness_us: Lateness,
-    /// The line for `/etc/security/limits.conf` that lets this user have real-time scheduling.
+    /// Line for `/etc/security/limits.conf` that allows this user real-time scheduling.
     limits_line: String,
 }
 
 pub fn run(arguments: &DoctorArguments) -> Result<(), Failure> {
     output::check_files(&[], arguments.json.file().as_slice())?;
-    let [graphics, hid, libraries, cache] = all([
+    let [graphics, hid, libraries, cache] = run_all([
         ("graphics adapters", graphics::finding),
         ("HID devices", devices::finding),
         ("libraries of device makers", libraries::finding),
@@ -67,40 +68,38 @@ pub fn run(arguments: &DoctorArguments) -> Result<(), Failure> {
     output::text_or_json(&arguments.json, &report, || print(&report))
 }
 
-type Look = fn() -> Finding;
+type Check = fn() -> Finding;
 
-/// What each finds, all at once; what takes too long is left behind and reported as unknown.
-fn all<const N: usize>(looks: [(&'static str, Look); N]) -> [Finding; N] {
-    let deadline = Instant::now() + PATIENCE;
-    let looks = looks.map(|(name, look)| {
+/// Runs all checks at once. A check that takes too long or fails is reported as unknown.
+fn run_all<const N: usize>(checks: [(&'static str, Check); N]) -> [Finding; N] {
+    let deadline = Instant::now() + TIMEOUT;
+    let checks = checks.map(|(name, check)| {
         let (send, found) = mpsc::channel();
         let begun = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
-            // Nobody waits any longer, where it took too long.
-            let _ = send.send(look());
+            // The receiver is gone if the check took too long.
+            let _ = send.send(check());
         });
         (name, begun.is_ok(), found)
     });
-    looks.map(|(name, begun, found)| {
+    checks.map(|(name, begun, found)| {
         if !begun {
-            return Finding::new(name, Verdict::Unknown, "no thread could be started to look".to_owned());
+            return Finding::new(name, Verdict::Unknown, "no thread could be started".to_owned());
         }
         let left = deadline.saturating_duration_since(Instant::now());
-        found.recv_timeout(left).unwrap_or_else(|why| {
-            let why = match why {
-                mpsc::RecvTimeoutError::Timeout => {
-                    format!(
-                        "no answer within {} s: a driver hangs, or the machine is very busy",
-                        PATIENCE.as_secs()
-                    )
-                }
-                mpsc::RecvTimeoutError::Disconnected => "looking failed".to_owned(),
+        found.recv_timeout(left).unwrap_or_else(|error| {
+            let cause = match error {
+                mpsc::RecvTimeoutError::Timeout => format!(
+                    "no answer within {} s: a driver hangs, or the machine is very busy",
+                    TIMEOUT.as_secs()
+                ),
+                mpsc::RecvTimeoutError::Disconnected => "the check failed".to_owned(),
             };
-            Finding::new(name, Verdict::Unknown, why)
+            Finding::new(name, Verdict::Unknown, cause)
         })
     })
 }
 
-/// The report as a person reads it.
+/// Writes the report as text.
 fn print(report: &Report) -> String {
     let mut lines = vec![report.machine.build(), report.machine.processor_line(), String::new()];
     for finding in &report.findings {
@@ -114,7 +113,7 @@ fn print(report: &Report) -> String {
     let bad = count(Verdict::Bad);
     let better = count(Verdict::CouldBeBetter);
     lines.push(match (bad, better) {
-        (0, 0) => "This machine is fit for haptics, as far as could be seen.".to_owned(),
+        (0, 0) => "This machine is fit for haptics, as far as these checks show.".to_owned(),
         (0, better) => format!("This machine is fit for haptics; {better} of its findings could be better."),
         (bad, _) => format!("This machine is not fit for haptics yet: {bad} of its findings are bad."),
     });
@@ -126,16 +125,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_hangs_or_fails_is_unknown_and_the_rest_is_found() {
-        let good: Look = || Finding::new("quick", Verdict::Good, "there".to_owned());
-        let hangs: Look = || {
+    fn checks_that_hang_or_fail_are_unknown_and_the_others_are_not() {
+        let good: Check = || Finding::new("quick", Verdict::Good, "there".to_owned());
+        let hangs: Check = || {
             std::thread::sleep(Duration::from_secs(3600));
             Finding::new("slow", Verdict::Good, "late".to_owned())
         };
-        let fails: Look = || std::panic::resume_unwind(Box::new("broken"));
+        let fails: Check = || std::panic::resume_unwind(Box::new("broken"));
         let begun = Instant::now();
-        let [slow, quick, broken] = all([("slow", hangs), ("quick", good), ("broken", fails)]);
-        assert!(begun.elapsed() < PATIENCE + Duration::from_secs(2));
+        let [slow, quick, broken] = run_all([("slow", hangs), ("quick", good), ("broken", fails)]);
+        assert!(begun.elapsed() < TIMEOUT + Duration::from_secs(2));
         assert_eq!((slow.name, slow.verdict), ("slow", Verdict::Unknown));
         assert_eq!((quick.name, quick.verdict), ("quick", Verdict::Good));
         assert_eq!((broken.name, broken.verdict), ("broken", Verdict::Unknown));

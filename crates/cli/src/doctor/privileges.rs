@@ -1,4 +1,5 @@
-//! Privileges: whether the threads may have SCHED_FIFO and the process may lock its memory, and how to allow it.
+//! Check of privileges: whether the threads may use SCHED_FIFO and the process may lock its memory, and how
+//! to allow it.
 
 use palpate::threads::{Outcome, Role, State, ThreadSetup, lock_memory, priority_limit, set_up};
 
@@ -7,12 +8,12 @@ use super::finding::{Finding, Verdict};
 const PRIORITY: &str = "real-time scheduling";
 const MEMORY: &str = "locked memory";
 
-/// What a thread of the role obtains here.
+/// Privileges that a thread of the role obtains.
 fn obtained(role: Role) -> Option<ThreadSetup> {
     std::thread::spawn(move || set_up(role)).join().ok()
 }
 
-/// `haptic` being what a haptic thread obtained.
+/// Finding about scheduling; `haptic` are the privileges that a haptic thread obtained.
 pub fn finding(haptic: &ThreadSetup) -> Finding {
     let device = obtained(Role::Device);
     let threads = device.iter().map(|setup| ("device", setup)).chain([("haptic", haptic)]);
@@ -40,7 +41,7 @@ fn verdict_on(threads: &[(&str, &Outcome)], limit: Option<u64>) -> Finding {
     }
 }
 
-/// Whether memory may be locked.
+/// Finding about locked memory.
 pub fn memory() -> Finding {
     verdict_on_memory(&lock_memory())
 }
@@ -60,17 +61,17 @@ fn add_line(line: &str) -> String {
     format!("add the line `{line}` to /etc/security/limits.conf, then log out and in again")
 }
 
-/// The highest priority that palpate asks for.
+/// Highest priority that palpate requests.
 fn highest_priority() -> u8 {
     Role::Device.priority().max(Role::Haptic.priority()).unwrap_or_default()
 }
 
-/// The line for `/etc/security/limits.conf` that lets the current user have the priorities that palpate asks for.
+/// Line for `/etc/security/limits.conf` that allows the current user the priorities that palpate requests.
 pub fn limits_line() -> String {
     format!("{} - rtprio {}", user(), highest_priority())
 }
 
-/// The name of the current user; what numbers it in limits.conf where it has none.
+/// Name of the current user; a user without a name is given by number, in the syntax of limits.conf.
 #[cfg(unix)]
 fn user() -> String {
     let id = nix::unistd::geteuid();
@@ -92,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_comes_with_the_line_that_helps() {
+    fn a_refusal_gives_the_line_for_limits_conf() {
         let refused = outcome(State::Refused, "SCHED_FIFO was refused", Some("allow it"));
         let granted = outcome(State::Granted, "SCHED_FIFO, priority 80", None);
         let less = outcome(State::Granted, "SCHED_FIFO, priority 80 in place of 85", Some("allow it"));
@@ -115,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_that_is_not_locked_comes_with_the_line_that_helps() {
+    fn unlocked_memory_gives_the_line_for_limits_conf() {
         let refused = verdict_on_memory(&outcome(State::Refused, "not locked", Some("allow it")));
         assert!(refused.remedy.is_some_and(|remedy| remedy.contains(" - memlock unlimited")));
         let granted = verdict_on_memory(&outcome(State::Granted, "locked", None));

@@ -1,4 +1,4 @@
-//! Processors: how many, at what frequency, and whether a hypervisor takes them away.
+//! Check of processors: their number, their frequency, and the time that a hypervisor takes.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -7,22 +7,24 @@ use palpate::machine::MachineLoad;
 
 use super::finding::{Finding, Verdict};
 
-/// Part of the processors' time that may go to other virtual machines before it is felt.
-const STOLEN: f64 = 1e-3;
-/// Part of it with which no haptic loop keeps its rate.
-const MUCH_STOLEN: f64 = 0.02;
-/// Processors that leave one to the rest of the system beside the two loops.
-const ENOUGH: usize = 4;
+/// Largest stolen fraction of the processors' time for the verdict "good": a larger one is felt.
+const MAX_GOOD_STOLEN: f64 = 1e-3;
+/// Largest stolen fraction of the processors' time for "could be better": with a larger one, no haptic loop
+/// keeps its rate.
+const MAX_FAIR_STOLEN: f64 = 0.02;
+/// Smallest number of processors for "good": the rest of the system has its own beside those of the two
+/// loops.
+const MIN_GOOD_PROCESSORS: usize = 4;
 
 pub fn stolen_time(load: &MachineLoad) -> Finding {
     const NAME: &str = "stolen time";
     let (Some(seconds), Some(part)) = (load.stolen_s, load.stolen_fraction) else {
-        let seen = "this operating system does not report what a hypervisor takes".to_owned();
+        let seen = "this operating system does not report the time that a hypervisor takes".to_owned();
         return Finding::new(NAME, Verdict::Unknown, seen);
     };
     let verdict = match part {
-        part if part <= STOLEN => Verdict::Good,
-        part if part <= MUCH_STOLEN => Verdict::CouldBeBetter,
+        part if part <= MAX_GOOD_STOLEN => Verdict::Good,
+        part if part <= MAX_FAIR_STOLEN => Verdict::CouldBeBetter,
         _ => Verdict::Bad,
     };
     let measured = format!(
@@ -33,7 +35,7 @@ pub fn stolen_time(load: &MachineLoad) -> Finding {
     if verdict == Verdict::Good {
         finding
     } else {
-        finding.with_remedy("render on a machine that is not virtual, or on dedicated processors")
+        finding.with_remedy("render on a physical machine, or on dedicated processors")
     }
 }
 
@@ -41,7 +43,7 @@ pub fn frequency() -> Finding {
     governors(Path::new("/sys/devices/system/cpu"))
 }
 
-/// The frequency governors under a folder with a folder a processor.
+/// Finding about the frequency governors under a folder with one folder per processor.
 fn governors(folder: &Path) -> Finding {
     const NAME: &str = "processor frequency";
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
@@ -54,7 +56,8 @@ fn governors(folder: &Path) -> Finding {
         .map(|governor| governor.trim().to_owned())
         .collect();
     if found.is_empty() {
-        let seen = "the frequency governor is not to be seen, as in virtual machines and on systems other than Linux";
+        let seen =
+            "the frequency governor cannot be read, as in virtual machines and on systems other than Linux";
         return Finding::new(NAME, Verdict::Unknown, seen.to_owned());
     }
     let fast = found.iter().all(|governor| governor == "performance");
@@ -64,7 +67,7 @@ fn governors(folder: &Path) -> Finding {
         Finding::new(NAME, Verdict::Good, seen)
     } else {
         Finding::new(NAME, Verdict::CouldBeBetter, seen).with_remedy(
-            "let processors run at full frequency: `sudo cpupower frequency-set --governor performance`",
+            "set processors to full frequency: `sudo cpupower frequency-set --governor performance`",
         )
     }
 }
@@ -72,20 +75,20 @@ fn governors(folder: &Path) -> Finding {
 pub fn count() -> Finding {
     const NAME: &str = "processors";
     let Ok(count) = std::thread::available_parallelism().map(usize::from) else {
-        return Finding::new(NAME, Verdict::Unknown, "their number is not known".to_owned());
+        return Finding::new(NAME, Verdict::Unknown, "their number is unknown".to_owned());
     };
     verdict_on(NAME, count)
 }
 
 fn verdict_on(name: &'static str, count: usize) -> Finding {
-    let needed = "the haptic and the contact loop need one each; textures on the processor use more";
+    let needed = "the haptic loop and the contact loop need one each; textures on the processor use more";
     let measured = format!("{count}; {needed}");
     match count {
         0 | 1 => Finding::new(name, Verdict::Bad, measured).with_remedy(
-            "render on a machine with two processors or more, or let this process use more (taskset, cpuset)",
+            "render on a machine with two processors or more, or allow this process more (taskset, cpuset)",
         ),
-        count if count < ENOUGH => Finding::new(name, Verdict::CouldBeBetter, measured)
-            .with_remedy("close other programs, which otherwise run in turns with the loops"),
+        count if count < MIN_GOOD_PROCESSORS => Finding::new(name, Verdict::CouldBeBetter, measured)
+            .with_remedy("close other programs, which otherwise share processors with the loops"),
         _ => Finding::new(name, Verdict::Good, measured),
     }
 }
@@ -95,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn governors_are_read_of_all_processors() {
+    fn governors_of_all_processors_are_read() {
         let folder = tempfile::tempdir().unwrap();
         let set = |processor: &str, governor: &str| {
             let at = folder.path().join(processor).join("cpufreq");
@@ -104,7 +107,7 @@ mod tests {
         };
         assert_eq!(governors(folder.path()).verdict, Verdict::Unknown);
         assert_eq!(governors(&folder.path().join("missing")).verdict, Verdict::Unknown);
-        set("cpufreq", "powersave"); // A folder beside those of processors.
+        set("cpufreq", "powersave"); // Not the folder of a processor.
         set("cpu0", "performance");
         assert_eq!(governors(folder.path()).verdict, Verdict::Good);
         set("cpu12", "powersave");
@@ -114,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn verdicts_follow_what_is_stolen_and_how_many_there_are() {
+    fn verdicts_follow_stolen_time_and_the_number_of_processors() {
         let stolen = |part: Option<f64>| {
             let load = MachineLoad { stolen_s: part, stolen_fraction: part, ..MachineLoad::default() };
             stolen_time(&load).verdict

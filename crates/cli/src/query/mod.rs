@@ -1,17 +1,20 @@
 //! `palpate query`: replays a trajectory of the probe and times each contact query.
 //!
-//! At full resolution the contacts reported are the contact set: local minima of the distance and one contact for each
-//! region of intersection, made of the query's contacts between patches and timed with it. With an error or a budget
-//! they are those between patches: making the set would take longer than such a query does, and contacts that fade in and
-//! out between levels would lose their weights. Representative contacts are found in distance fields instead.
+//! At full resolution it reports the contact set: local minima of the distance and one contact for each
+//! region of intersection, made from the query's contacts between patches and timed with it. With an error or
+//! a budget it reports the contacts between patches: making the set would take longer than such a query, and
+//! contacts that blend between levels would lose their weights. Representative contacts are found in distance
+//! fields instead.
 
 mod representative;
 
+use std::fmt::Display;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use palpate::collide::{
-    Budget, Clustering, ContactQuery, ContactSet, ContactSetSettings, PatchContact, QueryError, QuerySettings,
+    Budget, Clustering, ContactQuery, ContactSet, ContactSetSettings, PatchContact, QueryError, QueryOutcome,
+    QuerySettings,
 };
 use palpate::device::{Interpolation, Keyframe, MotionPath};
 use palpate::{Contact, Object, Pose, Wrench};
@@ -21,8 +24,9 @@ use crate::arguments::{QueryArguments, detail_error};
 use crate::failure::Failure;
 use crate::{output, progress};
 
-/// Separated contacts that are closer to one another than this part of the tolerance are merged in contact sets.
-const MERGED: f64 = 0.1;
+/// Distance below which separated contacts are merged in contact sets, in tolerances. With a smaller one, a
+/// nearly flat region gives many contacts; with a larger one, distinct contacts are merged.
+const MERGE_DISTANCE: f64 = 0.1;
 
 #[derive(Serialize)]
 struct Replay {
@@ -40,7 +44,7 @@ struct Summary {
     front_max: f64,
     contacts_median: f64,
     memory_bytes: usize,
-    /// The largest EPS reached, m.
+    /// Largest error EPS of representative contacts, m.
     #[serde(skip_serializing_if = "Option::is_none")]
     eps: Option<f64>,
 }
@@ -55,19 +59,19 @@ struct PoseEntry {
     distance_min: Option<f64>,
     force: [f64; 3],
     torque: [f64; 3],
-    /// Of representative contacts.
+    /// Accuracy of representative contacts.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     reached: Option<Reached>,
 }
 
-/// How far what was asked for was reached.
+/// Accuracy that a query of representative contacts reached.
 #[derive(Clone, Copy, Serialize)]
 struct Reached {
-    /// How far off depths are, m.
+    /// Error of depths, m.
     eps: f64,
-    /// Whether there was time for all that was asked for.
+    /// Whether the time was enough for all samples.
     complete: bool,
-    /// Whether the objects are deeper in one another than distances are known.
+    /// Whether the objects penetrate deeper than the fields' distances reach.
     too_deep: bool,
 }
 
@@ -97,7 +101,7 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
     })
 }
 
-/// With contacts by levels of detail.
+/// Replays a trajectory with contacts by levels of detail.
 fn replay(
     arguments: &QueryArguments,
     [probe, scene]: [&Object; 2],
@@ -113,40 +117,26 @@ fn replay(
     };
     let columns = ["level_probe", "level_scene"];
     let mut contacts_file = ContactsFile::create(arguments.contacts.as_deref(), &columns)?;
+    let level = |object: &Object, node: u32| object.clod.node(node).level.to_string();
 
     let mut query = ContactQuery::new(probe.shape(), scene.shape());
     let full_resolution = error == 0.0 && settings.budget.is_none();
     let mut set = full_resolution.then(|| ContactSet::new(probe.shape(), scene.shape()));
-    let set_settings = ContactSetSettings::new(MERGED * settings.tolerance);
     let mut clustering = Clustering::new(arguments.clusters);
-    let poses = each_pose(trajectory, |sample| {
+    let poses = each_pose(trajectory, |sample @ Keyframe { time, pose }| {
         if arguments.cold {
             query.reset();
         }
         let begun = Instant::now();
-        let outcome = query
-            .run(&sample.pose, &Pose::IDENTITY, &settings)
-            .map_err(|error| Failure::Message(format!("the query at t = {} s: {error}", sample.time)))?;
-        let found = match &mut set {
-            Some(set) => {
-                set.run(query.contacts(), &sample.pose, &Pose::IDENTITY, &set_settings).map_err(|error| {
-                    Failure::Message(format!("the contact set at t = {} s: {error}", sample.time))
-                })?
-            }
-            None => query.contacts(),
-        };
+        let (outcome, found) = contacts(&mut query, set.as_mut(), &settings, sample)?;
         let query_us = begun.elapsed().as_secs_f64() * 1e6;
-        let wrench = penalty(&mut clustering, found, &settings, arguments.stiffness, &sample.pose);
-        let level = |object: &Object, node: u32| object.clod.node(node).level.to_string();
+        let wrench = penalty(&mut clustering, found, &settings, arguments.stiffness, pose);
         for PatchContact { contact, probe_node, scene_node, .. } in found {
-            contacts_file.write(
-                sample.time,
-                contact,
-                [level(probe, *probe_node), level(scene, *scene_node)],
-            )?;
+            let levels = [level(probe, *probe_node), level(scene, *scene_node)];
+            contacts_file.write(*time, contact, levels)?;
         }
         Ok(PoseEntry {
-            t: sample.time,
+            t: *time,
             query_us,
             front: outcome.front,
             contacts: found.len(),
@@ -158,21 +148,35 @@ fn replay(
         })
     })?;
     contacts_file.finish()?;
-    let memory =
-        [probe, scene].map(|object| object.clod.total_bytes() + object.shape().bytes()).iter().sum::<usize>()
-            + query.bytes()
-            + set.as_ref().map_or(0, ContactSet::bytes);
+    let objects = [probe, scene].map(|object| object.clod.total_bytes() + object.shape().bytes());
+    let memory = objects[0] + objects[1] + query.bytes() + set.as_ref().map_or(0, ContactSet::bytes);
     Ok(Replay { summary: summarise(&poses, memory), poses })
 }
 
-/// What to query with, but for how much detail.
+/// Finds the contacts at a pose: those between patches, or those of the contact set.
+fn contacts<'a>(
+    query: &'a mut ContactQuery,
+    set: Option<&'a mut ContactSet>,
+    settings: &QuerySettings,
+    Keyframe { time, pose }: &Keyframe,
+) -> Result<(QueryOutcome, &'a [PatchContact]), Failure> {
+    let failed =
+        |what: &str, error: &dyn Display| Failure::Message(format!("{what} at t = {time} s: {error}"));
+    let outcome = query.run(pose, &Pose::IDENTITY, settings).map_err(|error| failed("the query", &error))?;
+    let Some(set) = set else { return Ok((outcome, query.contacts())) };
+    let merging = ContactSetSettings::new(MERGE_DISTANCE * settings.tolerance);
+    let found = set.run(query.contacts(), pose, &Pose::IDENTITY, &merging);
+    Ok((outcome, found.map_err(|error| failed("the contact set", &error))?))
+}
+
+/// Query settings at full resolution, with the tolerance checked.
 fn settings_for(arguments: &QueryArguments, probe: &Object) -> Result<QuerySettings, Failure> {
     let settings = QuerySettings::new(arguments.tolerance.metres(probe.bounding_radius()));
     settings.check(probe.shape()).map_err(|error| refused(error, probe))?;
     Ok(settings)
 }
 
-/// Queries at each pose of a trajectory.
+/// Runs a query at each pose of a trajectory.
 fn each_pose(
     trajectory: &MotionPath,
     mut query: impl FnMut(&Keyframe) -> Result<PoseEntry, Failure>,
@@ -202,7 +206,7 @@ fn print(replay: &Replay, are_representative: bool, table: &mut output::Table) {
     } = &replay.summary;
     table.row([&"poses", poses]);
     table.row([&"query", &format!("median {median_us:.1}, p99 {p99_us:.1}, max {max_us:.1} µs")]);
-    let of = if are_representative { "distances asked for, four at a time" } else { "pairs of nodes" };
+    let of = if are_representative { "distances computed, four at a time" } else { "pairs of nodes" };
     table.row([&"front", &format!("median {front_median}, max {front_max} {of}")]);
     table.row([&"contacts", &format!("median {contacts_median}")]);
     let deepest = replay.poses.iter().map(|pose| pose.depth_max).fold(0.0, f64::max);
@@ -211,14 +215,14 @@ fn print(replay: &Replay, are_representative: bool, table: &mut output::Table) {
     let nearest = nearest.map_or("none within the tolerance".to_owned(), |d| format!("{:.6} mm", 1e3 * d));
     table.row([&"smallest distance", &nearest]);
     if let Some(eps) = eps {
-        table.row([&"off by at most", &format!("{:.6} mm", 1e3 * eps)]);
+        table.row([&"largest error", &format!("{:.6} mm", 1e3 * eps)]);
     }
     let count = |is: fn(&Reached) -> bool| {
         replay.poses.iter().filter_map(|pose| pose.reached.as_ref()).filter(|r| is(r)).count()
     };
     let (short, deep) = (count(|reached| !reached.complete), count(|reached| reached.too_deep));
     if short > 0 {
-        table.row([&"out of time", &format!("at {short} poses, where fewer places were looked at")]);
+        table.row([&"out of time", &format!("at {short} poses, where fewer samples were used")]);
     }
     if deep > 0 {
         table.row([&"too deep", &format!("at {deep} poses, where forces are too small: raise --tolerance")]);
@@ -226,7 +230,7 @@ fn print(replay: &Replay, are_representative: bool, table: &mut output::Table) {
     table.row([&"memory", &format!("{:.1} MB", *memory_bytes as f64 / 1e6)]);
 }
 
-/// What to change on the command line where a query does not take its settings.
+/// Failure that names the option to change if a query refuses its settings.
 fn refused(error: QueryError, probe: &Object) -> Failure {
     Failure::Message(match error {
         QueryError::Tolerance { given, most } => format!(
@@ -237,8 +241,8 @@ fn refused(error: QueryError, probe: &Object) -> Failure {
     })
 }
 
-/// The penalty wrench of the clustered contacts on the probe (N; N·m about the probe's origin): each pushes along −n with
-/// k(δ + d), Eq. 5.37 without damping.
+/// Penalty wrench of the clustered contacts on the probe (N; N·m about the probe's origin): each pushes along
+/// −n with k(δ + d), Eq. 5.37 without damping.
 fn penalty(
     clustering: &mut Clustering,
     contacts: &[PatchContact],
@@ -253,7 +257,7 @@ fn penalty(
     })
 }
 
-/// The file that contacts are written to, where one is asked for: with columns besides those that all contacts have.
+/// Writer of contacts to a file, if `--contacts` was given, with extra columns for the kind of contacts.
 struct ContactsFile<'a>(Option<(&'a Path, csv::Writer<std::fs::File>)>);
 
 impl<'a> ContactsFile<'a> {
@@ -307,7 +311,7 @@ fn summarise(poses: &[PoseEntry], memory_bytes: usize) -> Summary {
     }
 }
 
-/// The quantile of sorted values by the nearest rank; 0 when there are none.
+/// Quantile of sorted values by the nearest rank; 0 without values.
 fn quantile(sorted: &[f64], fraction: f64) -> f64 {
     let rank = (fraction * sorted.len() as f64).ceil() as usize;
     sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)

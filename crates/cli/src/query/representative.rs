@@ -1,4 +1,4 @@
-//! Replays a trajectory with representative contacts.
+//! Replay of a trajectory with representative contacts.
 
 use std::time::{Duration, Instant};
 

@@ -1,4 +1,4 @@
-//! What each command gives, as a user or a program sees it.
+//! Output of each command, as a user or a program sees it.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -15,7 +15,7 @@ fn palpate(arguments: &[&str], folder: &Path) -> Output {
         .expect("the binary starts")
 }
 
-/// Runs a command that must succeed; its standard output.
+/// Runs a command that must succeed, and returns its standard output.
 fn succeeds(arguments: &[&str], folder: &Path) -> String {
     let output = palpate(arguments, folder);
     let stderr = String::from_utf8_lossy(&output.stderr);
@@ -28,12 +28,12 @@ fn json(arguments: &[&str], folder: &Path) -> Value {
     serde_json::from_str(&succeeds(arguments, folder)).expect("JSON")
 }
 
-/// The keys of an object, in order of their names.
+/// Keys of an object, in alphabetical order.
 fn keys(value: &Value) -> Vec<&str> {
     value.as_object().expect("an object").keys().map(String::as_str).collect()
 }
 
-/// Keys and more keys, in order.
+/// Keys and more keys, in alphabetical order.
 fn and<'a>(mut own: Vec<&'a str>, more: &[&'a str]) -> Vec<&'a str> {
     own.extend(more);
     own.sort_unstable();
@@ -103,7 +103,7 @@ fn a_hierarchy_is_built_and_inspected() {
     assert_eq!(levels[0]["free"], false);
     assert_eq!(inspected["published"], Value::Null, "Table 3.2 has no torus");
 
-    // The figures that are printed are those of the file.
+    // The printed figures are those of the file.
     let printed = succeeds(&["inspect", "t.clod"], folder);
     let mut blocks = printed.split("\n\n");
     let table: Vec<&str> = blocks.next().expect("Table 3.2").lines().collect();
@@ -139,7 +139,7 @@ fn levels_are_drawn() {
     let count = levels.len();
     assert!(levels[0]["patches"].as_u64() > Some(8) && count > 2, "{levels:?}");
     let open = |path: &str| image::open(folder.join(path)).expect(path).into_rgb8();
-    // Colours far from grey, coarsely.
+    // Colours far from grey, with a coarse resolution.
     let hues = |path: &str| {
         let vivid = |pixel: &[u8; 3]| pixel.iter().max().unwrap() - pixel.iter().min().unwrap() > 60;
         let picture = open(path);
@@ -150,7 +150,7 @@ fn levels_are_drawn() {
     for (level, data) in levels.iter().enumerate() {
         let path = format!("all/level-{level:02}.png");
         assert_eq!(open(&path).dimensions(), (200, 150));
-        // Patches of a surface that meet differ in colour; of hulls one may hide the others.
+        // Neighbouring patches of a surface differ in colour; a hull may hide the others.
         let several = data["free"] == false && data["patches"].as_u64() > Some(8);
         let wanted = if level == 0 { 3 } else { 1 + usize::from(several) };
         assert!(hues(&path) >= wanted, "{path}: {} hues of {data}", hues(&path));
@@ -158,7 +158,8 @@ fn levels_are_drawn() {
     assert_eq!(open("all/levels.png").width() % 200, 0);
     assert_eq!(std::fs::read_dir(folder.join("all")).unwrap().count(), count + 1);
 
-    // Levels can be chosen, the root's free one too; the folder may exist; a direction changes the picture.
+    // Levels can be chosen, even the root's free level; the folder may exist; a direction changes the
+    // picture.
     std::fs::create_dir(folder.join("some")).unwrap();
     let last = count - 1;
     let chosen = format!("0,{last}");
@@ -206,7 +207,7 @@ fn pictures_that_cannot_be_written_are_refused() {
 fn a_trajectory_is_queried() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
-    // The ellipsoid comes down on the golf ball from far away until it is inside.
+    // The ellipsoid descends onto the golf ball from far away until it is inside.
     let radius = json(&["check", "golf-ball@5000", "--json"], folder)["bounding_radius"].as_f64().unwrap();
     let mut csv = String::from("t,px,py,pz,qx,qy,qz,qw\n");
     for i in 0..=40 {
@@ -254,14 +255,14 @@ fn a_trajectory_is_queried() {
         deepest["force"][2].as_f64().is_some_and(|force| force > 0.0),
         "the ball pushes back up: {deepest}"
     );
-    // From the roots, the same is found; with an error, less is looked at, and in a budget as much as can be.
+    // Queries from the roots give the same contacts. An error threshold and a budget shorten the front.
     let replayed = |options: &[&str]| json(&[&arguments[..8], options].concat(), folder);
     let cold = replayed(&["--cold"]);
     let counts = |replay: &Value| -> Vec<u64> {
         replay["poses"].as_array().unwrap().iter().map(|pose| pose["contacts"].as_u64().unwrap()).collect()
     };
     assert_eq!(counts(&cold), counts(&replay));
-    // Both are convex, but for the dimples: few regions, each one contact.
+    // Both objects are convex except for the dimples: few regions, with one contact each.
     assert!(counts(&replay).iter().all(|count| *count < 20), "{:?}", counts(&replay));
     let fronts = |replay: &Value| -> f64 {
         replay["poses"].as_array().unwrap().iter().map(|pose| pose["front"].as_f64().unwrap()).sum()
@@ -286,7 +287,7 @@ fn a_trajectory_is_queried() {
 }
 
 #[test]
-fn a_lockstep_session_is_recorded_and_reported_twice_alike() {
+fn lockstep_sessions_are_reproducible() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
     let run = |record: &str| {
@@ -352,7 +353,7 @@ fn a_lockstep_session_is_recorded_and_reported_twice_alike() {
     }
 }
 
-/// Replayed with a simulated clock, a recorded device renders the same wrenches, bit for bit.
+/// On a simulated clock, a replayed device renders the same wrenches, bit for bit.
 #[test]
 fn a_recorded_device_is_replayed_exactly() {
     let folder = tempfile::tempdir().expect("temporary folder");
@@ -372,15 +373,15 @@ fn a_recorded_device_is_replayed_exactly() {
     assert!(first == compact, "the replayed compact form");
     let files = ["device.csv", "last.csv"].map(|name| std::fs::read(folder.join(name)).unwrap());
     assert!(files[0] == files[1], "a recording of a replayed recording is that recording");
-    // A button that nobody holds.
+    // A session with an enabling button that is not held.
     let held =
         ["run", "ellipsoid@500", "golf-ball@5000", "--lockstep", "--seconds", "1", "--enable-button", "0"];
     json(&[&held[..], &["--record-device", "held.csv", "--json"]].concat(), folder);
     let held = std::fs::read_to_string(folder.join("held.csv")).unwrap();
-    // Not enabled, and where something would have been felt, withheld.
+    // The device is not enabled, and wrenches during contact are withheld.
     assert!(held.lines().skip(2).all(|line| line.ends_with(",0,4096") || line.ends_with(",0,12288")));
     assert!(held.lines().skip(2).any(|line| line.ends_with(",0,4096")));
-    // Bare poses of the same device make another twist, and other wrenches.
+    // A path of the same poses without velocities gives another twist, and so other wrenches.
     let poses: String = String::from_utf8(files[0].clone())
         .unwrap()
         .lines()
@@ -408,7 +409,7 @@ fn detail_is_felt_on_coarse_meshes() {
         let always = ["--lockstep", "--seconds", "3", "--tolerance", "2e-4", "--json"];
         json(&[&["run", "ellipsoid@500"], arguments, &always].concat(), folder)
     };
-    // The same in a glTF file that names the image.
+    // A glTF file that names the image has the same detail.
     let corners = [[-0.05_f32, -0.05], [0.05, -0.05], [0.05, 0.05], [-0.05, 0.05]];
     let places = corners.iter().flat_map(|[x, y]| [*x, *y, 0.0]);
     let uv = corners.iter().flat_map(|[x, y]| [200.0 * x, -12_800.0 * y]);
@@ -489,7 +490,7 @@ fn devices_are_listed() {
     assert!(
         devices.iter().any(|device| device["address"].as_str().is_some_and(|a| a.starts_with("emulated")))
     );
-    // How to get permission for those that are plugged in, wherever there is one or not.
+    // The udev rules are printed whether or not a device is plugged in.
     let listed = succeeds(&["devices"], folder.path());
     assert!(listed.contains("emulated:premium-1.5") && listed.contains("hid:"), "{listed}");
     let rules = succeeds(&["devices", "--udev"], folder.path());
@@ -501,7 +502,7 @@ fn devices_are_listed() {
 }
 
 #[test]
-fn refusals_say_what_and_what_to_do() {
+fn errors_name_the_fault_and_a_remedy() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
     std::fs::write(folder.join("t.csv"), "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n0,0,zero,0,0,0,0,1\n")
@@ -530,7 +531,7 @@ fn refusals_say_what_and_what_to_do() {
             "named twice",
         ),
         (&["run", "cup-low", "spoon-low", "--mass", "-1"], "mass"),
-        // Millimetres for metres: by how much to scale, and how to insist.
+        // Millimetres read as metres: the error names the factor, and the option to accept the size.
         (&["run", "m.obj", "m.obj", "--scale", "1000"], "m.obj: the bounding radius of "),
         (&["run", "m.obj", "m.obj", "--scale", "1000"], "for it alone) by 0.001, or give --unusual-size"),
         (&["run", "cup-low", "spoon-low", "--seconds", "-1"], "seconds"),
@@ -543,7 +544,7 @@ fn refusals_say_what_and_what_to_do() {
         (&["query", "cup-low", "spoon-low", "--trajectory", "t.csv", "--tolerance", "1%"], "t.csv:3"),
         (&["query", "cup-low", "spoon-low", "--trajectory", "ok.csv", "--tolerance", "1"], "bounding radius"),
         (&["query", "cup-low", "spoon-low", "--trajectory", ".", "--tolerance", "1%"], "directory"),
-        // What is written must not be what is read, nor be mistaken for something else.
+        // An output file must not be an input file, and must have the extension of its format.
         (&["build", "m.obj", "-o", "./m.obj"], ".clod"),
         (&["build", "M.CLOD", "-o", "x.clod"], "hierarchy"),
         (&["build", "m.obj", "-o", "c.clod", "--json", "sub/../m.obj"], "named twice"),
@@ -555,7 +556,7 @@ fn refusals_say_what_and_what_to_do() {
         let output = palpate(arguments, folder);
         let stderr = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "palpate {arguments:?}: {stderr}");
-        // A doubt of the loader may come before.
+        // A warning of the loader may come before.
         let refusals = stderr.lines().filter(|line| !line.contains(": warning: "));
         assert_eq!(refusals.count(), 1, "{stderr}");
         assert!(stderr.contains(said), "palpate {arguments:?} should mention '{said}': {stderr}");
@@ -623,7 +624,7 @@ fn a_session_runs_with_any_integrator() {
 }
 
 #[test]
-fn a_session_says_which_stages_are_on_and_why() {
+fn a_summary_lists_the_stages_and_their_reasons() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let arguments = ["run", "ellipsoid@500", "torus@4000", "--lockstep", "--seconds", "0.01"];
     let printed = succeeds(&arguments, folder.path());
@@ -649,9 +650,9 @@ fn a_session_says_which_stages_are_on_and_why() {
     );
 }
 
-/// The summary of a touch is in units that a person reads, and says how to open the report.
+/// The printed summary has convenient units, and says how to open the report.
 #[test]
-fn a_touch_is_summed_up_in_plain_words() {
+fn the_printed_summary_has_convenient_units() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let arguments =
         ["run", "ellipsoid@500", "golf-ball@1000", "--lockstep", "--seconds", "3", "--report", "r.html"];
@@ -672,7 +673,7 @@ fn a_touch_is_summed_up_in_plain_words() {
     assert!(printed.contains("The report is r.html; open it in a browser"), "{printed}");
 }
 
-/// A ball, nearly, comes down on a plate and slides: representative contacts push as exact ones do, straight up.
+/// A golf ball descends onto a plate and slides: representative contacts push straight up, as exact ones do.
 #[test]
 fn representative_contacts_are_reported_with_their_areas() {
     let folder = tempfile::tempdir().expect("temporary folder");
@@ -694,7 +695,7 @@ fn representative_contacts_are_reported_with_their_areas() {
     let eps = found["summary"]["eps"].as_f64().unwrap();
     assert!(eps > 0.0 && eps < 0.02 * radius, "{eps}");
     assert!(found["poses"].as_array().unwrap().iter().all(|pose| pose["complete"] == true));
-    // One microsecond is not enough, and that is said; what pushes still pushes.
+    // One microsecond is not enough, which is reported; there are still forces.
     let hurried = replayed(&["--representative", "0.2%", "--budget-us", "1"]);
     let poses =
         || hurried["poses"].as_array().unwrap().iter().filter(|pose| pose["contacts"].as_u64() > Some(0));
@@ -708,16 +709,17 @@ fn representative_contacts_are_reported_with_their_areas() {
     for (pose, wanted) in found["poses"].as_array().unwrap().iter().zip(exact["poses"].as_array().unwrap()) {
         let (own, other) = (numbers(pose, "force"), numbers(wanted, "force"));
         let (depth, truth) = (pose["depth_max"].as_f64().unwrap(), wanted["depth_max"].as_f64().unwrap());
-        // The field's lattice is 4 % of the radius here.
+        // The spacing of the field's lattice is 4 % of the radius here.
         assert!((depth - truth).abs() < 2e-3 * radius, "{depth} m for {truth} m");
-        // Where the surfaces barely touch, one finds it a trace before the other.
+        // Where the surfaces barely touch, one method finds the contact slightly before the other.
         if length(&other) > 0.05 {
             pushed += 1;
             let along = own.iter().zip(&other).map(|(x, y)| x * y).sum::<f64>();
             let angle = (along / (length(&own) * length(&other))).min(1.0).acos().to_degrees();
-            // Normals are those of the dimples, a little askew. Seen were 3.0°, before the limit was set.
+            // Normals are those of the dimples, slightly tilted: 3.0° was measured before the limit was set.
             assert!(angle < 5.0, "{angle}° at t = {} s", pose["t"]);
-            // A mean over the area of contact, of depths of which the largest is the exact one; there each of up to 5 clusters pushes.
+            // Representative forces average the depth over the area of contact, whose largest depth is the
+            // exact one; of exact contacts each of up to 5 clusters pushes.
             let share = length(&own) / length(&other);
             assert!((0.15..1.1).contains(&share), "{share} of the exact force");
             assert!(pose["contacts"].as_u64().unwrap() <= 60, "{} contacts", pose["contacts"]);
@@ -733,12 +735,12 @@ fn representative_contacts_are_reported_with_their_areas() {
     let areas: f64 =
         rows.lines().skip(1).map(|row| row.split(',').next_back().unwrap().parse::<f64>().unwrap()).sum();
     assert!(areas > 0.0);
-    // The same again is the same, but for the time.
+    // A second run gives the same result, except for the times.
     let forces = |replay: &Value| -> Vec<Vec<f64>> {
         replay["poses"].as_array().unwrap().iter().map(|pose| numbers(pose, "force")).collect()
     };
     assert_eq!(forces(&replayed(&["--representative", "0.2%"])), forces(&found));
-    // What it cannot be combined with, and what makes no sense.
+    // Options that conflict, and invalid values.
     for with in [&["--exact"][..], &["--error", "1%"], &["--interpolate"]] {
         let words = [&arguments[..], &["--representative"], with].concat();
         let output = palpate(&words, folder);
@@ -757,7 +759,7 @@ fn representative_contacts_are_reported_with_their_areas() {
     }
 }
 
-/// A session renders representative contacts where it is asked to, by an option or a scene file, the same each time.
+/// A session renders representative contacts by an option or a scene file, reproducibly.
 #[test]
 fn sessions_render_representative_contacts() {
     let folder = tempfile::tempdir().expect("temporary folder");
@@ -779,7 +781,7 @@ fn sessions_render_representative_contacts() {
     std::fs::write(folder.join("scene.toml"), scene).unwrap();
     run("scene.toml", "third.csv", &[]);
     assert!(read("first.csv") == read("third.csv"), "the scene file says the same");
-    // A threshold is one of levels.
+    // An error threshold selects levels of detail.
     let levels = run("scene.toml", "levels.csv", &["--error", "1%"]);
     assert!(stage(&levels).starts_with("off"), "{}", stage(&levels));
     for with in [&["--error", "1%"][..], &["--no-interpolation"], &["--budget-us", "100"]] {
@@ -791,7 +793,7 @@ fn sessions_render_representative_contacts() {
     assert!(refused.status.code() == Some(1) && said.contains("(--representative)"), "{said}");
 }
 
-/// A recording is a trajectory: of the object's poses.
+/// A recording is a trajectory of the object's poses.
 #[test]
 fn recordings_are_replayed_as_trajectories() {
     let folder = tempfile::tempdir().expect("temporary folder");
@@ -813,7 +815,7 @@ fn recordings_are_replayed_as_trajectories() {
         folder,
     );
     assert_eq!(replay["poses"].as_array().map(Vec::len), Some(first.len() - 1));
-    // The same poses as a path give the same contacts.
+    // The same poses, given as a path, give the same contacts.
     let mut path = String::from("t,px,py,pz,qx,qy,qz,qw\n");
     for row in &first[1..] {
         path += &format!("{},{}\n", row[0], row[object..object + 7].join(","));
@@ -828,13 +830,13 @@ fn recordings_are_replayed_as_trajectories() {
         poses.iter().map(|pose| serde_json::json!([pose["t"], pose["contacts"], pose["force"]])).collect()
     };
     assert_eq!(found(&replay), found(&direct));
-    // As a device, the recording holds the object where it was.
+    // Replayed as a device, the recording holds the object where it was.
     run("replay:first.csv", "second.csv");
     let device = first[0].iter().position(|name| name == "device_px").expect("a column");
     let (second, step) = (rows("second.csv"), 700);
     let number = |row: &[String], column: usize| row[column].parse::<f64>().expect("a number");
     for axis in 0..3 {
-        // A path starts with its first sample, which a recording has after one period.
+        // A path starts with its first sample; in a recording that is the one after the first period.
         let (then, now) = (number(&first[step + 1], object + axis), number(&second[step], device + axis));
         assert!((then - now).abs() < 1e-6, "axis {axis}: {then} {now}");
     }
@@ -846,7 +848,7 @@ fn recordings_are_replayed_as_trajectories() {
     assert!(!output.status.success());
 }
 
-/// What `check` calls ready is what `build` takes, and `--repair` is named where it helps.
+/// `build` accepts the meshes that `check` calls ready, and both name `--repair` where it helps.
 #[test]
 fn the_verdict_of_check_is_that_of_build() {
     let folder = tempfile::tempdir().expect("temporary folder");
@@ -866,7 +868,7 @@ fn the_verdict_of_check_is_that_of_build() {
         }
     };
     write("inside-out.obj", &good.lines().map(turned).collect::<String>());
-    // A second ellipsoid, moved by a part of its size, runs through the first.
+    // A second ellipsoid, shifted by a part of its size, intersects the first.
     let shift = |line: &str| {
         let words: Vec<f64> = line.split(' ').skip(1).map(|word| word.parse().expect("a number")).collect();
         match line.chars().next() {
@@ -904,21 +906,21 @@ fn the_verdict_of_check_is_that_of_build() {
             assert!(inspected.status.success(), "inspect takes what it recommends");
         }
     }
-    // In millimetres, a doubt about the unit is among the JSON as well.
+    // The JSON of a mesh in millimetres has the warning about the unit.
     let large = json_with_warnings(&["check", "good.obj", "--scale", "1000", "--json"], folder);
     let warnings = large["warnings"].as_array().expect("a list");
     assert!(warnings.iter().any(|line| line.as_str().is_some_and(|line| line.contains("unit"))), "{large}");
     assert_eq!(json(&["check", "good.obj", "--json"], folder)["warnings"], serde_json::json!([]));
 }
 
-/// Where warnings may be printed.
+/// Runs a command that must succeed and may print warnings, and parses its JSON.
 fn json_with_warnings(arguments: &[&str], folder: &Path) -> Value {
     let output = palpate(arguments, folder);
     assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
-/// Each mesh of a pair may be scaled by itself.
+/// The meshes of a pair can be scaled independently.
 #[test]
 fn the_meshes_of_a_pair_are_scaled_one_by_one() {
     let folder = tempfile::tempdir().expect("temporary folder");
@@ -952,9 +954,9 @@ fn the_meshes_of_a_pair_are_scaled_one_by_one() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("in the scene file"), "{output:?}");
 }
 
-/// Messages that name what would do: the feature of a driver or a window, the most of a setting.
+/// Errors name the remedy: the feature of a driver or a window, the largest value of a setting.
 #[test]
-fn messages_name_what_would_do() {
+fn errors_name_the_feature_or_the_limit() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
     std::fs::write(folder.join("no.clod"), b"glTF\x02\0\0\0").expect("written");
@@ -998,9 +1000,9 @@ fn messages_name_what_would_do() {
     }
 }
 
-/// The doctor answers in time whatever it finds, and never fails.
+/// The doctor answers in time on any machine, and never fails.
 #[test]
-fn the_doctor_looks_at_the_machine() {
+fn the_doctor_reports_on_all_subjects() {
     const SUBJECTS: [&str; 10] = [
         "real-time scheduling",
         "timer lateness",
@@ -1026,7 +1028,7 @@ fn the_doctor_looks_at_the_machine() {
         let begun = std::time::Instant::now();
         let output = command.output().expect("the binary starts");
         let seconds = begun.elapsed().as_secs_f64();
-        // Graphics drivers write to standard error as they like.
+        // Graphics drivers may write to standard error.
         let stderr = String::from_utf8_lossy(&output.stderr);
         let own = stderr.contains("palpate") || stderr.contains("panicked");
         assert!(output.status.success() && !own, "{output:?}");
@@ -1070,8 +1072,8 @@ fn the_doctor_looks_at_the_machine() {
     assert!(printed.contains('█') && printed.contains("lateness of"), "{printed}");
 }
 
-/// Each of the emulated hand's tasks touches for its part of the time, parameters of the device hold, and a device that drives
-/// three axes says so.
+/// Each task of the emulated hand is in contact for its part of the time, parameters of the device apply, and
+/// a device that drives three axes reports that.
 #[test]
 fn the_emulated_hand_does_its_task() {
     let folder = tempfile::tempdir().expect("temporary folder");
@@ -1080,7 +1082,7 @@ fn the_emulated_hand_does_its_task() {
         let session = ["run", "ellipsoid@500", "golf-ball@1000", "--lockstep", "--json", "--record", "r.csv"];
         json(&[&session[..], &["--seconds", seconds, "--device", device]].concat(), folder)
     };
-    // Part of the recorded steps with a contact force.
+    // Fraction of the recorded steps with a contact force.
     let touching = || {
         let mut rows = csv::Reader::from_path(folder.join("r.csv")).expect("a recording");
         let column =
@@ -1121,7 +1123,7 @@ mod streams {
     use super::*;
 
     #[test]
-    fn a_reader_that_has_had_enough_is_no_error() {
+    fn a_closed_pipe_is_not_an_error() {
         let folder = tempfile::tempdir().expect("temporary folder");
         let (reader, writer) = std::io::pipe().expect("pipe");
         drop(reader);
@@ -1135,7 +1137,7 @@ mod streams {
     }
 
     #[test]
-    fn a_full_disk_is_named() {
+    fn a_full_disk_is_reported() {
         let folder = tempfile::tempdir().expect("temporary folder");
         let full = || File::options().write(true).open("/dev/full").expect("/dev/full");
         let run = ["run", "ellipsoid@500", "ellipsoid@500", "--seconds", "60", "--record", "/dev/full"];
@@ -1153,7 +1155,7 @@ mod streams {
     }
 
     #[test]
-    fn an_error_that_nobody_can_read_is_still_an_exit_code() {
+    fn a_failure_without_standard_error_still_has_an_exit_code() {
         let folder = tempfile::tempdir().expect("temporary folder");
         let (reader, writer) = std::io::pipe().expect("pipe");
         drop(reader);
@@ -1180,7 +1182,7 @@ mod streams {
             .expect("the binary starts");
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         assert!(folder.path().join(name).exists());
-        // A mesh's name is text, or bad usage.
+        // The name of a mesh must be UTF-8.
         let mesh = OsStr::from_bytes(b"m\xff.obj");
         let output =
             Command::new(env!("CARGO_BIN_EXE_palpate")).arg("check").arg(mesh).output().expect("start");
@@ -1208,7 +1210,7 @@ mod streams {
                 .stdout(Stdio::piped())
                 .spawn()
                 .expect("the binary starts");
-            // The recorder's buffer has been written once when the file has rows, so the session is under way.
+            // When the file has rows, the recorder's buffer was written once, so the session is running.
             while std::fs::metadata(folder.join("r.csv")).map_or(0, |file| file.len()) < 1000 {
                 assert!(child.try_wait().expect("waiting").is_none(), "the session ended by itself");
                 std::thread::sleep(std::time::Duration::from_millis(5));
@@ -1228,9 +1230,9 @@ mod streams {
     }
 }
 
-/// Before the limits: 6.4 N of a hand that moved by metres.
+/// Without the check of sizes, a hand that moved by metres felt 6.4 N.
 #[test]
-fn a_probe_in_wrong_units_starts_nothing_and_insisted_upon_pushes_from_nowhere() {
+fn a_probe_in_wrong_units_is_refused_and_harmless_if_accepted() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
     for scale in
@@ -1255,7 +1257,8 @@ fn a_probe_in_wrong_units_starts_nothing_and_insisted_upon_pushes_from_nowhere()
     }
 }
 
-/// What is recommended renders as it is printed, fits where it is said to, and leaves detail out only for want of time.
+/// The recommended command runs, its settings fit into the time, and they leave out detail only if time is
+/// short.
 #[test]
 fn settings_are_recommended_that_run_takes() {
     let folder = tempfile::tempdir().expect("temporary folder");
@@ -1293,7 +1296,7 @@ fn settings_are_recommended_that_run_takes() {
     }
 }
 
-/// A scene file's objects and settings are rendered; what is given on the command line counts more.
+/// A scene file's objects and settings are rendered; options of the command line override its settings.
 #[test]
 fn scene_files_are_rendered() {
     let folder = tempfile::tempdir().expect("temporary folder");
@@ -1317,7 +1320,7 @@ fn scene_files_are_rendered() {
 }
 
 #[test]
-fn a_tool_with_a_hinge_is_held_by_a_gripper() {
+fn a_hinged_tool_is_rendered_with_a_gripper() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
     let tool = "limits = [0.0, 0.8]\n[first]\nmodel = \"forceps-jaw@800\"\nmass = 0.05\n\
@@ -1326,7 +1329,7 @@ fn a_tool_with_a_hinge_is_held_by_a_gripper() {
     std::fs::write(folder.join("fingers.csv"), "t,angle\n0,0.5\n0.5,0.0\n1,0.0\n").expect("written");
     let hand = "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n1,0,0,0,0,0,0,1\n";
     std::fs::write(folder.join("hand.csv"), hand).expect("written");
-    // Between the jaws' tips, a ball of 5 mm where the jaws close.
+    // A ball of 5 mm lies between the tips of the jaws.
     let scene = "[[object]]\nmodel = \"ellipsoid@500\"\nscale = 0.2\nposition = [0.045, 0.0, 0.0]\n\
                  [settings]\ntool.grasp = { translation = [0, 0, 0], rotation = [0, 0, 0, 1] }\n";
     std::fs::write(folder.join("scene.toml"), scene).expect("written");

@@ -1,4 +1,4 @@
-//! The integration tests, linked once: a module a subject.
+//! Integration tests in one binary, with one module per subject.
 
 mod commands;
 #[cfg(all(feature = "view", target_os = "linux"))]

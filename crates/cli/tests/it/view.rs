@@ -1,4 +1,4 @@
-//! `palpate view` on a display that is not there: Xvfb. Skipped where that is not installed (`apt-get install xvfb`).
+//! `palpate view` on a virtual display, Xvfb. Skipped if that is not installed (`apt-get install xvfb`).
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
@@ -10,14 +10,14 @@ use x11rb::connection::Connection as _;
 use x11rb::protocol::xproto::{BUTTON_PRESS_EVENT, BUTTON_RELEASE_EVENT, MOTION_NOTIFY_EVENT};
 use x11rb::protocol::xtest::ConnectionExt as _;
 
-/// A display of 1280 × 800 pixels.
+/// Virtual display of 1280 × 800 pixels.
 struct Display {
     server: Child,
     name: String,
 }
 
 impl Display {
-    /// One, where there is a server for it.
+    /// Starts a display; `None` if Xvfb is not installed.
     fn open() -> Option<Self> {
         let arguments = ["-displayfd", "1", "-screen", "0", "1280x800x24", "-nolisten", "tcp"];
         let server =
@@ -31,7 +31,7 @@ impl Display {
         Some(Self { server, name: format!(":{}", number.trim()) })
     }
 
-    /// `palpate view` with these arguments.
+    /// Starts `palpate view` on the display.
     fn view(&self, arguments: &[&str], folder: &Path) -> Child {
         view(arguments, folder).env("DISPLAY", &self.name).spawn().expect("palpate starts")
     }
@@ -61,10 +61,10 @@ fn succeeded(output: &Output) {
     assert!(output.status.success(), "{said}");
 }
 
-/// The picture has both objects, patches in the colours of coarse levels, an arrow, the plots, and nothing beside them; the
-/// recording is that of a session that lasted.
+/// The picture has both objects, patches in the colours of coarse levels, an arrow and the plots, on an empty
+/// background; the recording has the session's full length.
 #[test]
-fn a_session_is_seen() {
+fn the_window_shows_a_session() {
     let Some(display) = Display::open() else { return };
     let folder = tempfile::tempdir().expect("temporary folder");
     let session =
@@ -89,7 +89,7 @@ fn a_session_is_seen() {
     assert!((1500..=2001).contains(&rows), "{rows} rows of two seconds");
 }
 
-/// Dragged down by an eighth of the picture's height, the hand goes down.
+/// When the mouse drags down by an eighth of the picture's height, the hand moves down.
 #[test]
 fn the_mouse_moves_the_hand() {
     let Some(display) = Display::open() else { return };
@@ -118,12 +118,12 @@ fn the_mouse_moves_the_hand() {
     let heights: Vec<f64> =
         rows.records().map(|row| row.expect("a row")[column].parse().expect("a number")).collect();
     let (first, last) = (heights[0], heights[heights.len() - 1]);
-    // The golf ball is 43 mm wide, and seen with the probe over it.
+    // The golf ball is 43 mm wide, and the picture shows the probe above it.
     assert!((2e-3..50e-3).contains(&(first - last)), "from {first} to {last} m");
 }
 
 #[test]
-fn what_cannot_be_shown_is_said() {
+fn errors_of_the_window_name_the_option() {
     let folder = tempfile::tempdir().expect("temporary folder");
     for (arguments, said) in [
         (&["--seconds", "1"][..], "no window could be opened"),
