@@ -2,17 +2,17 @@
 
 use palpate_core::glam::DVec3;
 
-/// A sphere around something, in its body's frame or another.
+/// A bounding sphere, in its body's frame or another.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ball {
-    /// m.
+    /// Centre, m.
     pub center: DVec3,
-    /// m.
+    /// Radius, m.
     pub radius: f64,
 }
 
 impl Ball {
-    /// A sphere around a triangle, about its centroid.
+    /// The smallest sphere about a triangle's centroid that contains the triangle.
     pub fn around(corners: &[DVec3; 3]) -> Self {
         let center = (corners[0] + corners[1] + corners[2]) / 3.0;
         let radius = corners.iter().map(|c| c.distance_squared(center)).fold(0.0, f64::max).sqrt();

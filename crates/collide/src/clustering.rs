@@ -1,32 +1,33 @@
 //! Contact clustering (§5.4.2, Eqs 5.32–5.36): K-means over the contact points **p** with weights δ + d,
 //! seeded by the clusters of the previous call, such that force and torque are continuous in the contacts.
 //!
-//! Algorithms 5.4.1–5.4.4 give each contact to one cluster, as often as it takes to settle. Where a contact
-//! is about as near to two, rounding decides; the representatives jump, and the force with them. Departures:
+//! Algorithms 5.4.1–5.4.4 assign each contact to one cluster, and iterate until the assignment is stable. If
+//! a contact is about equally near to two, rounding decides; the representatives jump, and the force with
+//! them. Departures:
 //!
-//! - A contact is shared: the nearest seed has all of it where every other is more than about twice as far
-//!   ([`SHARING_RATIO`]), and shares pass smoothly from one to the other in between. Shares depend on the
-//!   seeds and the contact's own point alone, so that a contact that comes in with no weight alters nothing.
-//! - A cluster pushes no more than its contacts together: its δ + d is Eq. 5.34's, but at most |Σ (δ + d)
-//!   **n**|. The two differ only if a cluster has less than a whole contact, or contacts whose normals are
-//!   more than a right angle apart. Otherwise next to nothing of a deep contact would push like all of it,
-//!   and normals that cancel leave no direction.
-//! - The seeds are kept in the probe's frame and make one step of Lloyd's method per call, once the
-//!   representatives are known: a part ([`STEP`]) of the displacement to the mean of their contacts, less if
-//!   these weigh little ([`INERTIA`]). So the iteration goes on from call to call.
-//! - A seed whose contacts weigh nothing is dropped, which alters nothing. With fewer seeds than min(K, n)
-//!   some are added at contacts that cost most in Eq. 5.32, and gain influence in the course of many calls
+//! - The assignment is soft: the nearest seed has all of a contact if every other is more than about twice as
+//!   far ([`SHARING_RATIO`]), and the shares change smoothly in between. Shares depend only on the seeds and
+//!   the contact's own point, so that a contact that appears with no weight changes nothing.
+//! - A cluster pushes no more than its contacts together: its δ + d is that of Eq. 5.34, but at most |Σ (δ +
+//!   d) **n**|. The two differ only if a cluster has less than a whole contact, or contacts whose normals are
+//!   more than a right angle apart. Otherwise a tiny share of a deep contact would push like all of it, and
+//!   normals that cancel leave no direction.
+//! - The seeds are kept in the probe's frame and make one step of Lloyd's method in each call, after the
+//!   representatives are known: a fraction ([`STEP`]) of the displacement to the mean of their contacts, less
+//!   if these have little weight ([`INERTIA`]). So the iteration continues from call to call.
+//! - A seed whose contacts have no weight is dropped, which changes nothing. If there are fewer seeds than
+//!   min(K, n), some are added at contacts that cost most in Eq. 5.32, and gain influence over many calls
 //!   ([`GROWTH`]).
-//! - Without seeds, at the first call or when nothing pushed in the last, the first is at the contact that
-//!   weighs most, and a bounded number of steps is made at once.
+//! - Without seeds, in the first call or if nothing pushed in the last, the first seed is at the contact with
+//!   the largest weight, and a bounded number of steps is made at once.
 //!
-//! For given seeds force and torque are continuous functions of the contacts' points, normals, depths and
-//! weights, and so are the seeds carried on; which seeds there are changes only where they have no influence.
-//! While contacts rest, seeds that settle and gain influence still change the force, by a small part per
+//! For given seeds, force and torque are continuous functions of the contacts' points, normals, depths and
+//! weights, and so are the seeds carried on; seeds are added or dropped only while they have no influence.
+//! While contacts rest, seeds that settle and gain influence still change the force, by a small amount per
 //! call.
 //!
-//! Contacts of which only a part counts ([`PatchContact::weight`]) weigh that much less. Clusters without
-//! weight, or whose contacts cancel one another, are left out. Clusters come out by decreasing δ.
+//! Contacts that are counted in part ([`PatchContact::weight`]) have accordingly less weight. Clusters
+//! without weight, or whose contacts cancel one another, are left out. Clusters are sorted by decreasing δ.
 
 #[cfg(test)]
 mod tests;
@@ -37,8 +38,8 @@ use palpate_core::{Contact, Pose};
 use crate::contact::PatchContact;
 use crate::tolerances::CANCELLED_NORMALS;
 
-/// Ratio of squared distances, to the nearest seed over to this one and both [blurred](BLUR), above which a
-/// seed has a share of a contact. Smaller: more contacts are shared, and clusters pull together. At 1 the
+/// Smallest ratio of squared distances, both [blurred](BLUR), to the nearest seed over to this one, for which
+/// a seed has a share of a contact. Smaller: more contacts are shared, and clusters move together. At 1 the
 /// nearest seed has all, and the force jumps.
 const SHARING_RATIO: f64 = 0.25;
 
@@ -46,28 +47,29 @@ const SHARING_RATIO: f64 = 0.25;
 /// change their shares.
 const BLUR: f64 = 2.0;
 
-/// Largest part of the displacement to the mean of its contacts that a seed makes in one call. Larger: seeds
-/// settle sooner, and the force changes faster while contacts rest.
+/// Largest fraction of the displacement to the mean of its contacts that a seed moves by in one call. Larger:
+/// seeds settle sooner, and the force changes faster while contacts rest.
 const STEP: f64 = 0.125;
 
-/// Weight of its contacts at which a seed moves by half of that, in tolerances d.
+/// Weight of its contacts, in tolerances d, for which a seed moves by half of the [`STEP`]. Smaller: seeds
+/// with hardly any contact jump.
 const INERTIA: f64 = 1.0;
 
-/// Part of its influence that an added seed gains per call; more where its penalty is small beside those
-/// felt, to which it may add this part.
+/// Fraction of its influence that an added seed gains per call; more if its penalty is small against those
+/// felt, to which it may add this fraction. Larger: the force changes faster while contacts rest.
 const GROWTH: f64 = 1.0 / 64.0;
 
 /// Number of steps of Lloyd's method in a call without seeds.
 const FIRST_STEPS: u32 = 16;
 
-/// A cluster of contacts: the representative contact, and what it stands for.
+/// A cluster of contacts with its representative contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cluster {
     /// The representative (Eqs 5.33–5.36), in world axes.
     pub contact: Contact,
     /// w: accumulated weight Σ (δ + d), m.
     pub weight: f64,
-    /// Root mean square distance of its contacts from the representative's point, weighted, m.
+    /// Weighted root mean square distance of its contacts from the representative's point, m.
     pub radius: f64,
 }
 
@@ -112,9 +114,9 @@ pub struct Clustering {
     capacity: usize,
     /// Points around which clusters form, in the probe's frame, the oldest first.
     seeds: Vec<DVec3>,
-    /// Number of seeds that have all their influence.
+    /// Number of seeds with full influence.
     grown: usize,
-    /// Influence of the others, 0 to 1.
+    /// Influence of the other seeds, 0 to 1.
     growth: f64,
     sums: Vec<Sums>,
     clusters: Vec<Cluster>,
@@ -125,7 +127,7 @@ pub struct Clustering {
 struct Sums {
     /// The seed, in world axes.
     seed: DVec3,
-    /// Squared distance of the seed from the contact at hand, blurred, m².
+    /// Squared distance of the seed from the contact being shared out, blurred, m².
     distance: f64,
     /// The seed's share of that contact, 0 to 1.
     share: f64,
@@ -160,12 +162,12 @@ impl Sums {
         if self.weight > 0.0 { self.seed + self.point / self.weight } else { self.seed }
     }
 
-    /// δ + d by Eq. 5.34, m, but at most the sum of the contacts'.
+    /// δ + d by Eq. 5.34, Σ (δ + d)² / Σ (δ + d), m, but at most the sum of the contacts' own.
     fn penalty(&self) -> f64 {
         self.weight.min(self.depth / self.weight)
     }
 
-    /// The representative (Eqs 5.33–5.36), with a part of the penalty.
+    /// The cluster with its representative (Eqs 5.33–5.36), with a fraction of the penalty.
     fn cluster(&self, part: f64, tolerance: f64) -> Option<Cluster> {
         let push = self.push.length();
         if part == 0.0 || push <= CANCELLED_NORMALS * self.weight {
@@ -215,7 +217,7 @@ impl Clustering {
             let part = if index < self.grown { 1.0 } else { self.growth };
             self.clusters.extend(sums.cluster(part, tolerance));
         }
-        // Sorting by insertion: K is small, and equal depths keep their order.
+        // Insertion sort: K is small, and equal depths keep their order.
         for index in 1..self.clusters.len() {
             let mut at = index;
             while at > 0 && self.clusters[at - 1].contact.depth < self.clusters[at].contact.depth {
@@ -232,7 +234,7 @@ impl Clustering {
         &self.clusters
     }
 
-    /// Forgets the seeds.
+    /// Discards the seeds.
     pub fn reset(&mut self) {
         self.seeds.clear();
         self.clusters.clear();
@@ -253,7 +255,8 @@ impl Clustering {
             }
             divide(&mut self.sums, 1.0);
             if self.grown < self.sums.len() {
-                // The others' shares are in between those beside the growing seeds and those without them.
+                // Shares of grown seeds are interpolated between those with and those without the growing
+                // seeds.
                 let grown = &mut self.sums[..self.grown];
                 grown.iter_mut().for_each(|sums| sums.share *= self.growth);
                 divide(grown, 1.0 - self.growth);
@@ -269,7 +272,7 @@ impl Clustering {
         }
     }
 
-    /// Moves the seeds on, drops those without contacts and adds new ones, for the next call.
+    /// Moves the seeds, drops those without contacts and adds new ones, for the next call.
     fn carry(&mut self, contacts: &[PatchContact], tolerance: f64, probe_pose: &Pose) {
         for index in (0..self.sums.len()).rev() {
             if self.sums[index].weight <= 0.0 {
@@ -299,12 +302,12 @@ impl Clustering {
         self.seeds.extend(self.sums.iter().map(|sums| to_probe.transform_point(sums.seed)));
     }
 
-    /// Adds seeds, in all at most as many as contacts with weight: the first at the heaviest contact, each
+    /// Adds seeds, at most as many in all as contacts with weight: the first at the heaviest contact, each
     /// other at the one that costs most in Eq. 5.32.
     fn add_seeds(&mut self, contacts: &[PatchContact], tolerance: f64) {
-        let most =
+        let limit =
             self.capacity.min(contacts.iter().filter(|contact| weight(contact, tolerance) > 0.0).count());
-        while self.sums.len() < most {
+        while self.sums.len() < limit {
             let mut best = (None, 0.0);
             for contact in contacts {
                 let distance = self.sums.iter().map(|sums| sums.seed.distance_squared(contact.contact.point));
@@ -319,7 +322,8 @@ impl Clustering {
     }
 }
 
-/// Adds the seeds' shares of a part of a contact, by their distances from it.
+/// Adds the seeds' shares of a part of a contact: part · c_i / Σ c_j with c_i = max(0, D_min / D_i −
+/// [`SHARING_RATIO`]) for squared distances D.
 fn divide(seeds: &mut [Sums], part: f64) {
     let nearest = seeds.iter().map(|sums| sums.distance).fold(f64::INFINITY, f64::min);
     let claim = |sums: &Sums| (nearest / sums.distance - SHARING_RATIO).max(0.0);
@@ -329,7 +333,7 @@ fn divide(seeds: &mut [Sums], part: f64) {
     }
 }
 
-/// Weight of a contact, m: δ + d, times the part of the contact that counts.
+/// Weight of a contact, m: δ + d times [`PatchContact::weight`].
 fn weight(contact: &PatchContact, tolerance: f64) -> f64 {
     contact.weight * (contact.contact.depth + tolerance).max(0.0)
 }

@@ -2,7 +2,7 @@
 
 use palpate_core::{Contact, Pose};
 
-/// A contact, and the pair of patches that it was found between.
+/// A contact with the pair of patches that it is between.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PatchContact {
     /// The contact, in world axes.
@@ -11,7 +11,7 @@ pub struct PatchContact {
     pub probe_node: u32,
     /// Node of the scene object's hierarchy.
     pub scene_node: u32,
-    /// Part of the contact that counts: 1, unless contacts of finer patches stand for the rest of it
+    /// Weight of the contact: 1, unless contacts of finer patches have the rest
     /// ([`QuerySettings::interpolate`](crate::QuerySettings::interpolate)).
     pub weight: f64,
 }

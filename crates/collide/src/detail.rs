@@ -1,10 +1,10 @@
-//! The detail that a node leaves out (§3.4.3), as the refinement test reads it.
+//! The detail that a node leaves out (§3.4.3), for the refinement test.
 
 use palpate_core::Clod;
 use palpate_core::clod::Node;
 
-/// Least, largest and mean support area D of the extreme points of a patch, in a unit of the hierarchy: the
-/// first two are rounded outwards, so that they stay bounds, and the mean to 2⁻²⁴.
+/// Smallest, largest and mean support area D of the extreme points of a patch, in a unit of the hierarchy:
+/// the first two are rounded outwards, so that they remain bounds, and the mean to 2⁻²⁴.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SupportAreas([f32; 3]);
 
@@ -22,7 +22,7 @@ impl SupportAreas {
     }
 }
 
-/// Values of a node that the refinement test reads.
+/// Values of a node for the refinement test.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Detail {
     /// φ = s/r² (Eq. 3.6), m³: 0 at full resolution, infinite on free levels, which always have to be
@@ -30,7 +30,7 @@ pub(crate) struct Detail {
     pub missing: f64,
     /// Resolution of the children's level, 1/m: 0 if that is free, infinite without children.
     pub child_resolution: f64,
-    /// Least D of the patch's extreme points, m².
+    /// Smallest D of the patch's extreme points, m².
     pub least_area: f64,
     /// Largest D of the patch's extreme points, m².
     pub largest_area: f64,

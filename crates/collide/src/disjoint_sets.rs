@@ -7,7 +7,7 @@ pub(crate) struct DisjointSets {
 }
 
 impl DisjointSets {
-    /// Starts with a number of elements, each a set of its own.
+    /// Resets to a number of elements, each a set of its own.
     pub fn clear(&mut self, count: usize) {
         self.parents.clear();
         self.parents.extend(0..count as u32);
@@ -20,7 +20,7 @@ impl DisjointSets {
         element
     }
 
-    /// The element that stands for an element's set.
+    /// The representative of an element's set.
     pub fn root(&mut self, mut element: u32) -> u32 {
         while self.parents[element as usize] != element {
             let above = self.parents[self.parents[element as usize] as usize];

@@ -1,4 +1,4 @@
-//! Why a query was not made.
+//! Errors of queries and contact sets.
 
 use std::fmt;
 
@@ -22,10 +22,10 @@ impl fmt::Display for QueryObject {
     }
 }
 
-/// Why a query was not made. It has no contacts then; the next query may succeed.
+/// Reason why a query was not made. It has no contacts then; the next query may succeed.
 ///
-/// The error is `Copy` and holds no text, so that a real-time loop can return it: the message is made when it
-/// is shown.
+/// The error is `Copy` and holds no text, so that a real-time loop can return it: the message is formatted
+/// when it is displayed.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum QueryError {
@@ -39,15 +39,15 @@ pub enum QueryError {
     /// [`Shape::max_tolerance`](crate::Shape::max_tolerance) of the probe.
     #[error("the tolerance is {given} m: give 0 to {most} m, the probe's bounding radius")]
     Tolerance {
-        /// The tolerance asked for, m.
+        /// The given tolerance, m.
         given: f64,
-        /// The largest that is accepted, m.
+        /// The largest accepted tolerance, m.
         most: f64,
     },
     /// The haptic error metric s₀ is negative or not finite.
     #[error("the error s₀ is {given} m: give a finite length, 0 or more, or no haptic metric")]
     HapticMetric {
-        /// The threshold asked for, m.
+        /// The given threshold, m.
         given: f64,
     },
     /// The velocity metric's time is negative, or its time or twist not finite.
@@ -68,9 +68,9 @@ impl QueryError {
     }
 }
 
-/// Why a contact set was not made. It is empty then.
+/// Reason why a contact set was not made. It is empty then.
 ///
-/// `Copy` and without text, as [`QueryError`] is.
+/// The error is `Copy` and holds no text, like [`QueryError`].
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ContactSetError {
@@ -83,13 +83,13 @@ pub enum ContactSetError {
     /// The merging distance is negative or not finite.
     #[error("the merging distance is {given} m: give a finite length, 0 or more")]
     Merge {
-        /// The distance asked for, m.
+        /// The given distance, m.
         given: f64,
     },
     /// The spacing is negative or not a number.
     #[error("the spacing is {given} m: give 0 or more; infinity keeps one contact for each region")]
     Spacing {
-        /// The spacing asked for, m.
+        /// The given spacing, m.
         given: f64,
     },
     /// A contact is not finite, or its nodes are not patches of these objects.
@@ -98,7 +98,7 @@ pub enum ContactSetError {
          the same two shapes"
     )]
     Contact {
-        /// The first such contact's place among those given.
+        /// Index of the first such contact.
         index: usize,
     },
 }

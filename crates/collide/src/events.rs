@@ -1,16 +1,17 @@
 //! Collision events of hosts that step through time, interpolated between levels of detail (§3.4.4).
 //!
-//! Such a host looks for the instant in a step at which surfaces meet that were apart at its beginning and
-//! penetrate at its end. Where the resolution changes within the step there may be none: a pair of coarse
+//! Such a host searches the instant in a step at which surfaces meet that were apart at its beginning and
+//! penetrate at its end. If the resolution changes within the step there may be none: a pair of coarse
 //! patches is apart at both ends, the finer one that it is refined to penetrates at both, and a search for
 //! the instant finds nothing or does not end. The dissertation estimates it instead, from the separation
-//! distance s of the one at the beginning and the penetration depth δ of the other at the end, both taken to
-//! change evenly: at s / (s + δ) of the step. The response is applied then, as if the patches that were
-//! active at the beginning still were.
+//! distance s of the coarse pair at the beginning and the penetration depth δ of the fine pair at the end,
+//! both taken to change linearly: at s / (s + δ) of the step. The response is applied then, as if the patches
+//! that were active at the beginning still were.
 //!
-//! Here all events are estimated so, whether or not the resolution has changed: none takes further queries.
-//! For surfaces that approach evenly along the normal the instant is exact, and otherwise off by the square
-//! of the step. Patches belong together when one is the other or was refined to it, on both bodies.
+//! Here all events are estimated this way, whether or not the resolution has changed, without further
+//! queries. For surfaces that approach at a constant rate along the normal the instant is exact; otherwise
+//! its error is of second order in the step. Patches belong together if one equals the other or was refined
+//! to it, on both bodies.
 
 use palpate_core::clod::NO_NODE;
 use palpate_core::glam::DVec3;
@@ -19,18 +20,18 @@ use palpate_core::{Clod, Contact};
 use crate::contact::PatchContact;
 use crate::shape::Shape;
 
-/// An instant at which surfaces that were apart meet.
+/// A collision: an instant at which surfaces that were apart meet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CollisionEvent {
-    /// Instant, as a part of the step: 0 at its beginning, 1 at its end.
+    /// Instant, as a fraction of the step: 0 at its beginning, 1 at its end.
     pub fraction: f64,
     /// Point of contact, interpolated between the beginning and the end; world axes, m.
     pub point: DVec3,
     /// Unit normal that points out of the probe, at the end; world axes.
     pub normal: DVec3,
-    /// The probe's node that was active at the beginning, where there was one, otherwise at the end.
+    /// The probe's node that was active at the beginning, if there was one, otherwise at the end.
     pub probe_node: u32,
-    /// The scene object's node that was active at the beginning, where there was one, otherwise at the end.
+    /// The scene object's node that was active at the beginning, if there was one, otherwise at the end.
     pub scene_node: u32,
     /// Whether other nodes were active at the end: the resolution has changed within the step.
     pub switched: bool,
@@ -39,7 +40,7 @@ pub struct CollisionEvent {
 /// A contact at one end of a step.
 #[derive(Clone, Copy, Debug)]
 struct StepContact {
-    /// The coarsest patches that its own belong to, on either body.
+    /// The coarsest patches that contain its own, on either body.
     tops: [u32; 2],
     /// Its own patches.
     nodes: [u32; 2],
@@ -48,7 +49,7 @@ struct StepContact {
     normal: DVec3,
 }
 
-/// Finds collision events from the contacts at the ends of a host's time steps.
+/// Search for collision events, from the contacts at the ends of a host's time steps.
 #[derive(Clone, Debug)]
 pub struct CollisionEvents {
     shapes: [Shape; 2],
@@ -60,7 +61,7 @@ pub struct CollisionEvents {
 }
 
 impl CollisionEvents {
-    /// A workspace for the contacts of queries between two objects. It knows no beginning yet.
+    /// Makes a workspace for the contacts of queries between two objects, without a beginning yet.
     pub fn new(probe: &Shape, scene: &Shape) -> Self {
         Self {
             shapes: [probe.clone(), scene.clone()],
@@ -71,15 +72,15 @@ impl CollisionEvents {
         }
     }
 
-    /// Forgets the beginning of the next step: after the host has set a body back or elsewhere.
+    /// Discards the beginning of the next step, after the host has moved a body to another place.
     pub fn reset(&mut self) {
         self.known = false;
     }
 
-    /// The events of a step, the earliest first, given the contacts of a query at its end, with tolerance d
-    /// (m): one for each of those that penetrate and did not at the beginning, which is the end of the step
-    /// before. Surfaces that were further apart than d then count as d apart. Contacts with nodes that are
-    /// not the objects' are passed over, and so are those that are not finite.
+    /// Finds the events of a step, the earliest first, given the contacts of a query at its end with
+    /// tolerance d (m): one for each contact that penetrates and did not at the beginning, which is the end
+    /// of the step before. Surfaces that were further apart than d then count as d apart. Contacts with nodes
+    /// that are not the objects', or that are not finite, are ignored.
     ///
     /// Without a beginning there are no events. Allocates only while there are more contacts than ever
     /// before.
@@ -134,11 +135,11 @@ impl StepContact {
     }
 }
 
-/// The coarsest patch that a node's patch belongs to; none if there is no such node, or it has no patch.
+/// The coarsest patch that contains a node's patch; none if there is no such node, or it has no patch.
 fn top(shape: &Shape, node: u32) -> Option<u32> {
     let mut top = shape.has_patch(node).then_some(node)?;
     loop {
-        // The root's parent is no node.
+        // The root's parent is not a node.
         let parent = shape.clod().node(top).parent;
         if !shape.has_patch(parent) {
             return Some(top);
@@ -164,7 +165,7 @@ fn beginning_of<'r>(
     near.filter(related).max_by(|x, y| x.depth.total_cmp(&y.depth))
 }
 
-/// Whether a node is another one or below it.
+/// Whether a node equals another one or is below it.
 fn descends(clod: &Clod, mut node: u32, from: u32) -> bool {
     while node != from {
         node = clod.node(node).parent;

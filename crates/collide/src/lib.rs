@@ -1,15 +1,15 @@
 //! Contact queries between two objects given as hierarchies of convex hulls (§3.4), and contact clustering
 //! (§5.4.2).
 //!
-//! | type | what it does |
+//! | type | purpose |
 //! |---|---|
 //! | [`Shape`] | a hierarchy prepared for queries |
 //! | [`ContactQuery`] | descends two shapes in tandem and reports a [`PatchContact`] for every pair of convex surface patches that are within the tolerance or penetrate, at full resolution or at the coarsest level whose error would not be felt |
-//! | [`SceneQuery`] | the same for one probe and many objects; those that are far away cost next to nothing |
+//! | [`SceneQuery`] | the same for one probe and many objects; objects far away cost almost nothing |
 //! | [`ContactSet`] | merges the contacts of a query into local minima of the distance and one contact for each connected region of intersection |
-//! | [`Clustering`] | condenses contacts to a few representatives |
-//! | [`CollisionEvents`] | when and where surfaces met, for hosts that step through time |
-//! | [`convex`] | queries between two convex hulls, on which all others rest |
+//! | [`Clustering`] | reduces contacts to a few representatives |
+//! | [`CollisionEvents`] | finds times and points at which surfaces met, for hosts that step through time |
+//! | [`convex`] | queries between two convex hulls, which all others use |
 //!
 //! All numbers are f64, and the caller owns the workspaces. A query takes no lock, does not panic, and
 //! allocates only when it needs more room than any query before it. Invalid input returns a [`QueryError`],
@@ -17,23 +17,23 @@
 //!
 //! # Layers
 //!
-//! Each module imports from floors below its own only, and the modules of one floor do not know each other:
+//! Each module imports from floors below its own only, and the modules of one floor are independent:
 //!
-//! 1. `tolerances`, `error`, `ball`, `disjoint_sets`, `contact`, `detail`: numbers and plain data
+//! 1. `tolerances`, `error`, `ball`, `disjoint_sets`, `incidence`, `contact`, `detail`: numbers and plain
+//!   data
 //! 2. `convex`: distance and penetration of two hulls
-//! 3. `motion`, `patch`, `patchwork`: how far bodies have moved; what of a hull is real surface; whole
-//!   surfaces
+//! 3. `motion`, `patch`, `patchwork`: bounds on the bodies' motion, real surface of hulls, whole surfaces
 //! 4. `shape`: a hierarchy prepared for queries
-//! 5. `query`, `contact_set`, `clustering`, `events`: what is done with pairs of shapes, and with their
-//!    contacts
+//! 5. `query`, `contact_set`, `clustering`, `events`: queries of pairs of shapes, and processing of their
+//!   contacts
 //! 6. `scene_query`: many objects
 //!
 //! # Frames and signs
 //!
-//! A [`Pose`](palpate_core::Pose) takes points of an object's frame to the world. Contacts are in world axes,
-//! m. The normal **n** points out of the probe, the first of the two objects. The depth δ is positive where
-//! the surfaces penetrate and minus their distance where they are apart. So the point on the scene object is
-//! **p** − δ **n**, moving the probe by −δ **n** brings a penetrating contact to touch, and a penalty force
+//! A [`Pose`](palpate_core::Pose) maps points of an object's frame to the world. Contacts are in world axes,
+//! m. The normal **n** points out of the probe, the first of the two objects. The depth δ is positive if
+//! the surfaces penetrate and minus their distance if they are apart. So the point on the scene object is
+//! **p** − δ **n**, moving the probe by −δ **n** ends the penetration, and a penalty force
 //! on the probe is along −**n**.
 //!
 //! # Example
@@ -42,7 +42,7 @@
 //! [dependencies]
 //! palpate-collide = "0.1"
 //! palpate-core = "0.1"       # meshes, poses, contacts
-//! palpate-clod-build = "0.1" # builds hierarchies; not needed where they are read from .clod files
+//! palpate-clod-build = "0.1" # builds hierarchies; not needed if they are read from .clod files
 //! ```
 //!
 //! An octahedron whose lowest tip is 1 mm inside a cube:
@@ -95,6 +95,7 @@ mod detail;
 mod disjoint_sets;
 mod error;
 mod events;
+mod incidence;
 mod motion;
 mod patch;
 mod patchwork;

@@ -1,8 +1,8 @@
-//! How far two bodies have moved relative to one another: a bound on any change of distance between their
-//! parts, and a bound on how far they have turned.
+//! Relative motion of two bodies: a bound on any change of distance between their parts, and a bound on their
+//! rotation.
 //!
-//! An answer such as "these hulls are 3 mm out of reach" stays true until the motion bound has grown by 3 mm.
-//! So an answer is stored with the value of the motion bound up to which it holds.
+//! An answer such as "these hulls are 3 mm out of reach" stays valid until the motion bound has grown by 3
+//! mm. So an answer is stored with the value of the motion bound up to which it is valid.
 
 use palpate_core::glam::DVec3;
 
@@ -10,7 +10,7 @@ use crate::ball::Ball;
 use crate::convex::Placement;
 use crate::tolerances::ROUNDING_SLACK;
 
-/// The motion of two bodies, added up over all steps.
+/// The relative motion of two bodies, summed over all steps.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Motion {
     last: Option<Placement>,
@@ -19,24 +19,23 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// Forgets where the bodies were.
+    /// Discards the bodies' placement.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// Starts the bound from zero, from where the bodies are.
+    /// Restarts the bound from zero at the present placement.
     pub fn restart(&mut self) {
         self.bound = 0.0;
     }
 
-    /// The motion bound, m: any two points of the bodies have come closer, or gone apart, by no more than it
-    /// has grown.
+    /// The motion bound, m: the distance of any two points of the bodies has changed by at most the growth of
+    /// the bound.
     pub fn bound(&self) -> f64 {
         self.bound
     }
 
-    /// Bound on the angle by which the bodies have turned, rad: the sum over all steps of twice the sine of
-    /// half the angle.
+    /// Bound on the relative rotation of the bodies, rad: Σ 2 sin(θ/2) over all steps.
     pub fn turn(&self) -> f64 {
         self.turn
     }
@@ -48,9 +47,9 @@ impl Motion {
 
     /// Adds a step of the bodies a and b, which are within these spheres. `rounding`: that of coordinates, m.
     ///
-    /// No point of b moves further in a's frame than b's centre does, |c' − c|, and a point of its sphere may
-    /// turn about that centre, r · turn; and the other way round. Either bounds how much closer two points
-    /// have come, so the smaller one counts.
+    /// A point of b moves in a's frame by at most |c' − c| + r · turn, with the motion of b's centre and the
+    /// rotation about it, and a point of a in b's frame likewise. Either bounds the change of the distance of
+    /// two points, so the smaller one counts.
     pub fn step(&mut self, a: &Ball, b: &Ball, placement: &Placement, rounding: f64) {
         if let Some(last) = self.last.filter(|last| last != placement) {
             let turned = placement.rotation - last.rotation;
@@ -109,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn bodies_that_rest_do_not_move_and_those_that_move_never_go_back() {
+    fn the_bound_is_zero_at_rest_and_never_decreases() {
         let mut rng = StdRng::seed_from_u64(0x0030_1108);
         let ball = Ball { center: DVec3::X, radius: 1.0 };
         let placement = |at: DVec3| Placement::between(&Pose::from_translation(at), &Pose::IDENTITY);
@@ -120,7 +119,7 @@ mod tests {
             let before = (motion.bound(), motion.turn());
             motion.step(&ball, &ball, &placement(at), 1e-15);
             assert_eq!((motion.bound(), motion.turn()), before, "step {step}: at rest");
-            // Forth and back.
+            // To and fro.
             at = if step % 2 == 0 { vector(&mut rng, 0.1) } else { DVec3::ZERO };
             motion.step(&ball, &ball, &placement(at), 1e-15);
             assert!(motion.bound() > before.0, "step {step}");

@@ -12,6 +12,7 @@ use palpate_core::{Clod, Contact};
 
 use crate::ball::Ball;
 use crate::convex::{Hull, SupportMap, nearest_on_triangle};
+use crate::incidence::triangles_at_vertices;
 use crate::tolerances::{FACING, NORMAL_ROUNDING, ON_TRIANGLE, PRECISION};
 
 /// A convex surface patch with its hull, in its body's frame.
@@ -103,21 +104,7 @@ impl Incidence {
     pub const WORTHWHILE: usize = 24;
 
     pub fn new(vertices: usize, triangles: Triangles) -> Self {
-        let mut starts = vec![0u32; vertices + 1];
-        for vertex in triangles.iter().flatten() {
-            starts[vertex as usize + 1] += 1;
-        }
-        for index in 0..vertices {
-            starts[index + 1] += starts[index];
-        }
-        let mut next = starts.clone();
-        let mut at = vec![0u32; 3 * triangles.len()];
-        for (index, corners) in (0u32..).zip(triangles) {
-            for vertex in corners {
-                at[next[vertex as usize] as usize] = index;
-                next[vertex as usize] += 1;
-            }
-        }
+        let (starts, at) = triangles_at_vertices(vertices, triangles.iter());
         let short = |all: Vec<u32>| all.into_iter().map(|index| index as u16).collect();
         if u16::try_from(at.len()).is_ok() {
             Self::Shorts { starts: short(starts), triangles: short(at) }

@@ -1,4 +1,4 @@
-//! A hierarchy prepared for queries: what the descent reads of its nodes, packed, and search structures over
+//! A hierarchy prepared for queries: packed data of its nodes for the descent, and search structures over
 //! their hulls.
 
 use std::sync::{Arc, OnceLock};
@@ -14,7 +14,7 @@ use crate::patch::{Incidence, Patch};
 use crate::patchwork::Patchwork;
 use crate::tolerances::CONVEX_PATCH;
 
-/// Index of what is not there.
+/// Index that stands for no search structure.
 const NONE: u32 = u32::MAX;
 
 /// A hierarchy prepared for queries. Cheap to clone: all queries with an object, and all its instances, share
@@ -25,27 +25,27 @@ pub struct Shape(Arc<Prepared>);
 #[derive(Debug)]
 struct Prepared {
     clod: Arc<Clod>,
-    /// One for each node.
+    /// Extra data of each node.
     extras: Vec<Extra>,
-    /// One for each node with a large hull or patch.
+    /// Search structures of nodes with a large hull or patch.
     searches: Vec<Search>,
     supports: Vec<SupportMap>,
     incidences: Vec<Incidence>,
     /// Bound on any coordinate, m.
     coordinates: f64,
-    /// The surface of each level, once it was asked for.
+    /// The surface of each level, made on first use.
     patchwork: OnceLock<Patchwork>,
 }
 
-/// Data of a node that queries read besides the hierarchy.
+/// Data of a node for queries, besides the hierarchy.
 #[derive(Clone, Copy, Debug)]
 struct Extra {
     areas: SupportAreas,
-    /// Index into [`Prepared::searches`], or [`NONE`] without the bit [`EXACT`]; and that bit, if it is set.
+    /// Index into [`Prepared::searches`] or [`NONE`], with the bit [`EXACT`] set or cleared.
     search: u32,
 }
 
-/// Bit that marks a closed patch whose vertices are all below its triangles' planes, to rounding.
+/// Flag of a closed patch whose vertices are all below its triangles' planes, up to rounding.
 const EXACT: u32 = 1 << 31;
 
 /// Search structures of a node with a large hull or patch: indices, or [`NONE`].
@@ -53,13 +53,13 @@ const EXACT: u32 = 1 << 31;
 struct Search {
     /// Map of the bounding hull, in [`Prepared::supports`].
     support: u32,
-    /// Map of the patch's hull, in the same list: the same unless points were added to bound descendants.
+    /// Map of the patch's hull, in the same list; the same map unless points were added to bound descendants.
     patch_support: u32,
     /// Triangles at the patch's vertices, in [`Prepared::incidences`].
     incidence: u32,
 }
 
-/// The search structures of a node that has none.
+/// Placeholder of a node without search structures.
 const NO_SEARCH: Search = Search { support: NONE, patch_support: NONE, incidence: NONE };
 
 /// The part of a node that the descent reads.
@@ -73,7 +73,7 @@ pub(crate) struct Packed {
 }
 
 impl Packed {
-    /// A leaf of nothing but its bounding sphere.
+    /// A leaf that is only a bounding sphere.
     #[cfg(test)]
     pub fn sphere(center: DVec3, radius: f64) -> Self {
         Self { center, radius, hausdorff: 0.0, first_child: 0, last_child: 0 }
@@ -126,23 +126,21 @@ impl Shape {
         &self.0.clod
     }
 
-    /// The largest tolerance d of contact queries that have this shape as their probe, m: its bounding
-    /// radius.
+    /// The largest tolerance d of contact queries with this shape as their probe, m: its bounding radius.
     ///
-    /// Contacts stand for places where surfaces touch or are about to. With a larger d nearly every pair of
-    /// patches would be one, and their number, with the memory for them, would grow with the product of both
-    /// objects' patches.
+    /// With a larger d nearly every pair of patches would be a contact, and their number and memory would
+    /// grow with the product of both objects' patches.
     pub fn max_tolerance(&self) -> f64 {
         self.clod().bounding_radius()
     }
 
     /// Axis-aligned bounds of the surface at full resolution, mesh frame, m: the smallest and the largest x,
-    /// y and z; `None` without triangles. Computed anew by each call.
+    /// y and z; `None` without triangles. Computed in each call.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         self.clod().bounds()
     }
 
-    /// Bytes of memory held, besides the hierarchy itself.
+    /// Memory held, bytes, without the hierarchy itself.
     pub fn bytes(&self) -> usize {
         let Prepared { extras, searches, supports, incidences, patchwork, .. } = &*self.0;
         size_of::<Prepared>()
@@ -155,7 +153,7 @@ impl Shape {
             + patchwork.get().map_or(0, Patchwork::bytes)
     }
 
-    /// The surface of each level; prepared when it is first asked for.
+    /// The surface of each level, made on first use.
     pub(crate) fn patchwork(&self) -> &Patchwork {
         self.0.patchwork.get_or_init(|| Patchwork::new(self.clod()))
     }
@@ -183,14 +181,14 @@ impl Shape {
         Detail::of(clod, &clod.node(node), &self.0.extras[node as usize].areas, area_unit(clod))
     }
 
-    /// Whether a node has no patch: no contacts can be reported with it.
+    /// Whether a node has no patch, so that no contacts can be reported with it.
     #[inline]
     pub(crate) fn is_free(&self, node: u32) -> bool {
         let clod = self.clod();
         clod.levels[clod.node(node).level as usize].free
     }
 
-    /// Whether there is such a node, and it has a patch: contacts may be reported with it.
+    /// Whether there is such a node and it has a patch, so that contacts may be reported with it.
     pub(crate) fn has_patch(&self, node: u32) -> bool {
         (node as usize) < self.0.extras.len() && !self.is_free(node)
     }
@@ -234,8 +232,8 @@ impl Shape {
         Patch::of_node(self.clod(), &self.clod().node(node), support, incidence, exact)
     }
 
-    /// The first descendant that is a leaf, has several children, or, unless the query is exact, may be fine
-    /// enough.
+    /// The first node on the path down from a node, itself included, that is a leaf, has several children,
+    /// or, unless the query is exact, may be fine enough.
     pub(crate) fn pass_through(&self, mut node: u32, exact: bool) -> u32 {
         loop {
             let Packed { first_child, last_child, .. } = self.node(node);
@@ -247,7 +245,8 @@ impl Shape {
         }
     }
 
-    /// Most nodes that can wait on the stack below any node: the siblings along one path from root to leaf.
+    /// Largest number of nodes that can wait on the stack below any node: the siblings along a path from root
+    /// to leaf.
     pub(crate) fn path_width(&self) -> usize {
         let mut width = vec![0usize; self.0.extras.len()];
         for index in (0..width.len()).rev() {
@@ -265,7 +264,7 @@ fn area_unit(clod: &Clod) -> f64 {
 }
 
 impl Search {
-    /// The search structures of a node. Hulls and patches too small to gain from them have none.
+    /// Makes the search structures of a node. Hulls and patches too small to gain from them have none.
     fn of(clod: &Clod, node: &Node, supports: &mut Vec<SupportMap>, incidences: &mut Vec<Incidence>) -> Self {
         let mut support_of = |points: Points| {
             if points.len() < SupportMap::WORTHWHILE {
@@ -287,7 +286,7 @@ impl Search {
     }
 }
 
-/// Whether no vertex of a patch's hull is above the planes of its triangles, to rounding.
+/// Whether no vertex of a patch's hull is above the planes of its triangles, up to rounding.
 fn is_convex(clod: &Clod, node: &Node, map: Option<&SupportMap>) -> bool {
     let points = clod.hull(node);
     let hull = Hull::with_map(clod.extreme(node), map);

@@ -1,12 +1,12 @@
-//! Numeric tolerances of the whole crate, each with its unit and with what breaks when it changes.
+//! Numeric tolerances of the whole crate, each with its unit and the effect of a change.
 //!
-//! All are relative, so that neither the unit of length nor an object's distance from the origin decides what
-//! is found. Three quantities recur:
+//! All are relative, so that results depend neither on the unit of length nor on an object's distance from
+//! the origin. Three quantities recur:
 //!
 //! - The *precision* of a pair is [`PRECISION`] times the size of the hulls plus the rounding of coordinates,
 //!   m.
-//! - The *looseness* of a pair is how far patches may stand off their hulls, m: the builder's tolerance,
-//!   which the hierarchy holds ([`Source::tolerance`](palpate_core::clod::Source::tolerance)).
+//! - The *looseness* of a pair is the largest distance of patches from their hulls, m: the builder's
+//!   tolerance, which the hierarchy holds ([`Source::tolerance`](palpate_core::clod::Source::tolerance)).
 //! - The *rounding* of coordinates is [`COORDINATE_ROUNDING`] times the largest one, m.
 //!
 //! Constants that trade speed for tightness, and change no answer, are in the modules that use them.
@@ -23,21 +23,21 @@ pub(crate) const PRECISION: f64 = 1e-12;
 pub(crate) const COORDINATE_ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 /// Slack for rounding in a computed length or squared length that has to bound the true one, as a fraction of
-/// it. Larger: pairs are looked at more often than need be. Smaller than some 1e-15: bounds fail, and
+/// it. Larger: pairs are tested more often than needed. Smaller than some 1e-15: bounds fail, and
 /// contacts are missed.
 pub(crate) const ROUNDING_SLACK: f64 = 1e-9;
 
-/// Points that are closer than this are the same, as a fraction of the sizes of the patches they are on.
+/// Distance below which points are the same, as a fraction of the sizes of the patches that they are on.
 /// Larger: small features count as one, and true minima are dropped. Smaller: one contact is reported by
 /// several triangles.
 pub(crate) const SAME_POINT: f64 = 1e-9;
 
-/// Contacts and depths that differ by less than this are equal, in multiples of the precision. Larger:
+/// Difference below which contacts and depths are equal, in multiples of the precision. Larger:
 /// distinct contacts are merged. Smaller: equal ones are reported twice.
 pub(crate) const SAME_CONTACT: f64 = 16.0;
 
 /// Motion bound after which a contact query counts from zero again, in radii of both bodies. Larger: rounding
-/// of the sum outgrows the gaps that it is compared with. Smaller: the front is gone through more often.
+/// of the sum outgrows the gaps that it is compared with. Smaller: the whole front is tested more often.
 pub(crate) const PAIR_MOTION_LIMIT: f64 = 1e3;
 
 /// Motion bound after which the broad phase counts from zero again, in radii of the probe. Larger and
@@ -46,16 +46,16 @@ pub(crate) const PAIR_MOTION_LIMIT: f64 = 1e3;
 pub(crate) const SCENE_MOTION_LIMIT: f64 = 1e6;
 
 /// Slack of the broad phase, as a fraction of lengths: the quaternion of a valid pose may be off unit length
-/// by 1e-6, which scales what it turns by as much. Smaller: objects in reach may get no query.
+/// by 1e-6, which scales rotated vectors by as much. Smaller: objects in reach may get no query.
 pub(crate) const UNIT_QUATERNION_SLACK: f64 = 1e-5;
 
-/// Slack on how far the points of a node have turned about its centre, as a fraction of that: the node's
+/// Slack on the rotation of a node's points about its centre, as a fraction of it: the node's
 /// sphere is rounded to 32-bit floats. Smaller: a separating axis may be trusted for too long, and contacts
 /// are missed.
 pub(crate) const TURN_SLACK: f64 = 1e-6;
 
 /// Slack on the squared distance of two triangles' bounding spheres, as a fraction of it. Smaller: pairs of
-/// triangles right at the tolerance may be passed over.
+/// triangles right at the tolerance may be missed.
 pub(crate) const TRIANGLE_SPHERE_SLACK: f64 = 1e-12;
 
 // Distance of convex hulls (GJK).
@@ -66,12 +66,12 @@ pub(crate) const TRIANGLE_SPHERE_SLACK: f64 = 1e-12;
 pub(crate) const FLAT_SIMPLEX: f64 = 1e-12;
 
 /// Barycentric coordinate below which the origin may be outside of a tetrahedron's face. Smaller: rounding
-/// may leave out the nearest face. Larger: faces are tried in vain.
+/// may leave out the nearest face. Larger: faces are tested needlessly.
 pub(crate) const OUTSIDE_FACE: f64 = 1e-6;
 
-/// Gap between the bounds on a distance that still counts as converged, in multiples of the precision: where
-/// rounding keeps needle-like simplices. Larger: inexact distances pass. Smaller: exact ones are counted as
-/// not converged.
+/// Gap between the bounds on a distance that still counts as converged, in multiples of the precision, as
+/// rounding leaves it for needle-like simplices. Larger: inexact distances pass. Smaller: exact ones are
+/// counted as not converged.
 pub(crate) const CONVERGED_GAP: f64 = 100.0;
 
 /// Rounding error of the lower bound between hulls that almost touch: this times the square of the precision,
@@ -85,8 +85,8 @@ pub(crate) const SUPPORT_SLACK: f64 = 1e-9;
 
 // Penetration of convex hulls (EPA).
 
-/// Volume of a tetrahedron that is too thin to start from, as a fraction of the cube of its longest edge.
-/// Larger: warm starts are given up. Smaller: the polytope starts with faces whose normals are noise.
+/// Volume up to which a tetrahedron is too thin to start from, as a fraction of the cube of its longest edge.
+/// Larger: warm starts are lost. Smaller: the polytope starts with faces whose normals are noise.
 pub(crate) const THIN_TETRAHEDRON: f64 = 1e-6;
 
 /// Squared normal (edge × edge) of a face without a plane, as a fraction of the fourth power of its longest
@@ -95,35 +95,36 @@ pub(crate) const THIN_TETRAHEDRON: f64 = 1e-6;
 pub(crate) const SLIVER_FACE: f64 = 1e-28;
 
 /// Height above a face from which a new vertex sees it, in multiples of the precision. Larger: the polytope
-/// grows concave. Smaller or 0: coplanar faces are torn by rounding, and expansion ends early.
+/// becomes concave. Smaller or 0: rounding breaks coplanar faces apart, and expansion ends early.
 pub(crate) const VISIBLE_HEIGHT: f64 = 0.01;
 
-/// Faces whose vertices are this near to the plane of the answer, in multiples of the precision, lie in it.
-/// Smaller: the witness points may be taken from a coplanar face that the origin does not project into.
+/// Largest distance of a face's vertices from the plane of the answer, in multiples of the precision, for it
+/// to lie in it. Smaller: the witness points may be taken from a coplanar face that the origin does not
+/// project into.
 pub(crate) const COPLANAR_HEIGHT: f64 = 64.0;
 
 /// Gap of a penetration depth that still counts as exact, as a fraction of the patches' radii. It only
-/// decides what [`QueryOutcome::not_converged`](crate::QueryOutcome::not_converged) counts.
+/// affects the count [`QueryOutcome::not_converged`](crate::QueryOutcome::not_converged).
 pub(crate) const ACCEPTED_DEPTH_GAP: f64 = 1e-6;
 
-// Patches: which part of a hull is real surface.
+// Real surface of patches.
 
-/// A witness point within this of a triangle lies on it, as a fraction of the patch's radius. Larger: points
-/// on virtual faces become contacts. Smaller: points on real ones are left to the triangles, which takes
-/// longer.
+/// Distance from a triangle within which a witness point lies on it, as a fraction of the patch's radius.
+/// Larger: points on virtual faces become contacts. Smaller: points on real ones are decided by the
+/// triangles, which takes longer.
 pub(crate) const ON_TRIANGLE: f64 = 1e-9;
 
-/// Sine of the angle by which a triangle may be turned away and still face a direction. Larger: surfaces seen
-/// from behind make contacts. Smaller: those that are edge-on are lost to rounding.
+/// Sine of the largest angle by which a triangle may be turned away and still face a direction. Larger:
+/// surfaces seen from behind make contacts. Smaller: those seen edge-on are lost to rounding.
 pub(crate) const FACING: f64 = 1e-9;
 
-/// Angle (rad) to which the direction between two nearest points is known, times their distance over the
+/// Error (rad) of the direction between two nearest points, times their distance over the
 /// precision. Larger and smaller: as for [`FACING`].
 pub(crate) const NORMAL_ROUNDING: f64 = 1e-3;
 
-/// Height by which a vertex may be above a triangle's plane for a closed patch to count as its own hull, as a
+/// Largest height of a vertex above a triangle's plane for which a closed patch counts as its own hull, as a
 /// fraction of the patch's radius. Larger: real surface is assumed where the hull bridges dents. Smaller:
-/// patches that are exact but for rounding take the slower path.
+/// patches that are convex up to rounding take the slower path.
 pub(crate) const CONVEX_PATCH: f64 = 1e-10;
 
 /// Height below the furthest point up to which vertices belong to the same feature of a hull, as a fraction
@@ -141,10 +142,10 @@ pub(crate) const COMMON_NORMAL: f64 = 1e-9;
 
 // Refinement and clusters.
 
-/// Error threshold that stands in for s₀ = 0 where a time-critical query orders pairs by s*/s₀, m. Pairs
-/// whose s* is less count as fine enough; above that, any value gives the same order.
+/// Error threshold that replaces s₀ = 0 when a time-critical query orders pairs by s*/s₀, m. Pairs
+/// with a smaller s* count as fine enough; above that, any value gives the same order.
 pub(crate) const NOMINAL_ERROR: f64 = 1e-12;
 
-/// Part of a cluster's weight that has to remain in the sum of its contacts' normals. Smaller: the direction
-/// of a cluster whose contacts cancel out is noise.
+/// Smallest length of the weighted sum of a cluster's normals, as a fraction of its weight. Smaller: the
+/// direction of a cluster whose contacts cancel out is noise.
 pub(crate) const CANCELLED_NORMALS: f64 = 1e-12;

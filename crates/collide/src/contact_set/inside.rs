@@ -1,4 +1,4 @@
-//! The vertices of either surface that are inside the other object, and how deep.
+//! The vertices of either surface that are inside the other object, with their depths.
 
 use palpate_core::Contact;
 use palpate_core::glam::DVec3;
@@ -8,7 +8,7 @@ use crate::contact::PatchContact;
 use crate::patchwork::{NearestPoint, NearestSearch};
 use crate::shape::Shape;
 
-/// State of a vertex whose distance was not measured yet.
+/// State of a vertex whose distance has not been measured yet.
 const UNSEEN: u32 = u32::MAX;
 /// State of a vertex that is outside the other object.
 const OUTSIDE: u32 = u32::MAX - 1;
@@ -16,17 +16,17 @@ const OUTSIDE: u32 = u32::MAX - 1;
 /// A vertex inside the other object.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Inside {
-    /// Index of the side that it is on.
+    /// Index of its side.
     pub side: usize,
     /// Mesh vertex.
     pub vertex: u32,
-    /// A node whose patch has it.
+    /// A node whose patch has the vertex.
     pub node: u32,
     /// Level of the other object's surface from which the distance is measured.
     pub level: u32,
-    /// Where it is in its own frame, m.
+    /// Position in its own frame, m.
     pub own: DVec3,
-    /// Where it is in the other body's frame, m.
+    /// Position in the other body's frame, m.
     pub in_other: DVec3,
     /// Nearest point of the other surface, in its frame.
     pub nearest: NearestPoint,
@@ -35,21 +35,21 @@ pub(crate) struct Inside {
 /// Lengths and limits of a run.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Measures {
-    /// Distance up to which vertices are on a surface, m.
+    /// Largest distance of a vertex that lies on a surface, m.
     pub precision: f64,
-    /// Difference up to which depths are equal, m.
+    /// Largest difference of equal depths, m.
     pub same: f64,
-    /// Most vertices whose distance may be measured.
+    /// Largest number of vertices whose distance may be measured.
     pub most_vertices: usize,
-    /// Whether local maxima besides the deepest are wanted.
+    /// Whether to find local maxima besides the deepest.
     pub maxima: bool,
 }
 
-/// The vertices inside, and those that were found to be outside.
+/// The vertices inside, and the state of all others.
 #[derive(Clone, Debug)]
 pub(crate) struct InsideVertices {
     pub found: Vec<Inside>,
-    /// Per side and mesh vertex: index into `found`, [`OUTSIDE`] or [`UNSEEN`].
+    /// For each side and mesh vertex, index into `found`, [`OUTSIDE`] or [`UNSEEN`].
     state: [Vec<u32>; 2],
     /// Vertices whose state was set.
     touched: [Vec<u32>; 2],
@@ -72,7 +72,7 @@ impl InsideVertices {
         }
     }
 
-    /// Bytes of memory held, but for the search.
+    /// Memory held, bytes, without the search.
     pub fn bytes(&self) -> usize {
         let vertices = self.state.iter().chain(&self.touched).map(|list| 4 * list.capacity());
         vertices.sum::<usize>() + self.found.capacity() * size_of::<Inside>()
@@ -91,8 +91,9 @@ impl InsideVertices {
         self.found[index as usize].nearest.distance
     }
 
-    /// Measures the distance of a vertex of a node's patch, if that was not done yet. Returns its index if it
-    /// is inside. `level` and `hint`: level of the other surface, and a triangle of it that may be near.
+    /// Measures the signed distance of a vertex of a node's patch from the other surface, once. Returns its
+    /// index if it is inside. `level` and `hint`: level of the other surface, and a triangle of it that may
+    /// be near.
     pub fn measure(
         &mut self,
         side: &Side,
@@ -129,8 +130,8 @@ impl InsideVertices {
         Some(index)
     }
 
-    /// Whether no neighbour of a vertex is deeper by more than `same`, m: vertices of a face that was pressed
-    /// in flat are equally deep, but for rounding.
+    /// Whether no neighbour of a vertex is deeper by more than `same`, m; vertices of a face that is pressed
+    /// in flat are equally deep up to rounding.
     pub fn is_maximum(&self, index: u32, sides: &[Side; 2], same: f64) -> bool {
         let Inside { side, vertex, nearest, .. } = self.found[index as usize];
         let neighbours = &sides[side].own.patchwork().neighbours;

@@ -1,30 +1,30 @@
-//! The contact set of two objects: what is left of a query's contacts between patches when the pieces are put
-//! together.
+//! The contact set of two objects: a query's contacts between patches, reduced to those of the whole
+//! surfaces.
 //!
-//! It is for inspection, of a single pose or of a recorded path: where two objects touch, how often, and how
-//! deep. The command `palpate query` prints it at full resolution. Sessions do not use it. A force needs
-//! contacts that do not jump from pose to pose, and a set does where a region divides or two join;
-//! [clusters](crate::Clustering) go over smoothly. The first run prepares a surface of each shape, which
-//! takes more memory than the shape does.
+//! It is for inspection of a single pose or a recorded path: places, number and depths of the contacts of two
+//! objects. The command `palpate query` prints it at full resolution. Sessions do not use it. A force needs
+//! contacts that do not jump from pose to pose, and a set jumps when a region divides or two join;
+//! [clusters](crate::Clustering) change smoothly. The first run prepares a surface of each shape, which takes
+//! more memory than the shape.
 //!
-//! A [query](crate::ContactQuery) takes surfaces patch by patch. A contact of two patches may be no local
-//! minimum of the objects' distance, since a neighbouring patch comes closer; and one region of intersection
-//! is cut into as many contacts as pairs of patches meet in it, each with the depth of the two pieces only.
+//! A [query](crate::ContactQuery) treats surfaces patch by patch. A contact of two patches may not be a local
+//! minimum of the objects' distance, since a neighbouring patch may be closer; and one region of intersection
+//! has a contact for each pair of patches in it, with the depth of the two pieces only.
 //! Here:
 //!
-//! - A separated contact stays if it is a local minimum of the distance between the surfaces: no triangle at
-//!   its point on one surface, of whichever patch, is closer to a triangle at its point on the other.
+//! - A separated contact is kept if it is a local minimum of the distance between the surfaces: no triangle
+//!   at its point on one surface, of any patch, is closer to a triangle at its point on the other.
 //! - Penetrating contacts become one for each connected [region](crate::contact_set::regions) of
-//!   intersection, at the place where it is deepest: the vertex of either surface that is furthest from the
-//!   other surface, or the deepest pair of patches where that is deeper. Crossing edges may be so: no vertex
-//!   needs to be inside, and while one enters, the depth does not jump. With a
+//!   intersection, at its deepest place: the vertex of either surface that is furthest from the other
+//!   surface, or the deepest pair of patches if that is deeper. This can happen with crossing edges, where no
+//!   vertex needs to be inside; when one enters, the depth does not jump. With a
 //!   [spacing](ContactSetSettings::spacing), further local maxima of the depth are kept as well.
-//! - Of minima that are near one another, or near where a region is deep, the closest (deepest) stays.
+//! - Of minima close to one another, or to a deep place of a region, the closest (deepest) is kept.
 //!
 //! Contacts between coarser nodes are treated likewise, on the surfaces of their levels, each of which is
-//! closed; nodes of different levels are neighbours where the finer one's ancestor is.
+//! closed; nodes of different levels are neighbours if the finer one's ancestor is a neighbour.
 //!
-//! Where an object bounds no solid, nothing is inside it; where neither does, a region is as deep as its
+//! If an object bounds no solid, nothing is inside it; if neither does, a region is as deep as its
 //! deepest pair of patches.
 
 mod inside;
@@ -50,14 +50,14 @@ use crate::tolerances::{COORDINATE_ROUNDING, PRECISION, SAME_CONTACT, SAME_POINT
 
 pub use self::settings::{ContactSetOutcome, ContactSetSettings};
 
-/// Largest distance that is not noticed, as a fraction of the objects' radii: §3.5.2 finds detail of 2.5 to 5
+/// Largest distance that is not felt, as a fraction of the objects' radii: §3.5.2 finds detail of 2.5 to 5
 /// % unnoticed.
-const UNNOTICED: f64 = 0.05;
+const MAX_UNNOTICED: f64 = 0.05;
 
 /// Label of the contacts that separated ones are compared with: all of them.
 const ANY: u32 = 0;
 
-/// The workspace: makes contact sets of two objects.
+/// The workspace for contact sets of two objects.
 ///
 /// ```
 /// use palpate_collide::{ContactQuery, ContactSet, ContactSetSettings, QuerySettings, Shape};
@@ -99,7 +99,7 @@ pub struct ContactSet {
     /// Separated minima: indices of contacts.
     minima: Vec<u32>,
     minimum_test: MinimumTest,
-    /// Places where regions are deep.
+    /// Deep places of regions.
     deep: Vec<Deep>,
     maxima: Spaced,
     kept: Spaced,
@@ -108,7 +108,7 @@ pub struct ContactSet {
 }
 
 impl ContactSet {
-    /// A workspace for two objects. The first for an object finds out which of its patches are neighbours.
+    /// Makes a workspace for two objects. The first one for an object finds the neighbours of its patches.
     pub fn new(probe: &Shape, scene: &Shape) -> Self {
         Self {
             regions: Regions::new(probe, scene),
@@ -124,13 +124,13 @@ impl ContactSet {
         }
     }
 
-    /// A spacing of maxima in a region, m: 5 % of the smaller object's radius. Contacts that are closer act
-    /// at places that cannot be felt apart (§3.5.2).
+    /// A spacing of maxima in a region, m: 5 % of the smaller object's radius. Contacts that are closer
+    /// cannot be distinguished by feel (§3.5.2).
     pub fn noticeable_spacing(&self) -> f64 {
-        UNNOTICED * self.probe.clod().bounding_radius().min(self.scene.clod().bounding_radius())
+        MAX_UNNOTICED * self.probe.clod().bounding_radius().min(self.scene.clod().bounding_radius())
     }
 
-    /// Bytes of memory held by the workspace.
+    /// Memory held by the workspace, bytes.
     pub fn bytes(&self) -> usize {
         self.regions.bytes()
             + self.maxima.capacity()
@@ -141,9 +141,9 @@ impl ContactSet {
             + self.contacts.capacity() * size_of::<PatchContact>()
     }
 
-    /// The contact set of a query's contacts, at the same poses (object frame to world), in world axes and by
-    /// decreasing depth. Each comes with the nodes whose patches its points are on. The weight of a region's
-    /// contact is 1, and that of a merged one the sum, up to 1.
+    /// Makes the contact set of a query's contacts at the same poses (object frame to world), in world axes
+    /// and by decreasing depth. Each contact has the nodes whose patches its points are on. The weight of a
+    /// region's contact is 1, and that of a merged one is the sum, up to 1.
     ///
     /// The cost grows with the number of contacts, and of vertices in and next to the regions.
     ///
@@ -188,7 +188,7 @@ impl ContactSet {
         &self.outcome
     }
 
-    /// Sizes of all buffers, which show whether one has grown.
+    /// Capacities of all buffers, which show whether one has grown.
     fn capacities(&self) -> ([usize; 6], [usize; 3]) {
         let Self { regions, minima, minimum_test, deep, maxima, kept, contacts, .. } = self;
         let own = [
@@ -226,7 +226,7 @@ impl ContactSet {
         }
     }
 
-    /// Whether a contact may be one of these objects.
+    /// Whether a contact is finite and its nodes are patches of these objects.
     fn knows(&self, found: &PatchContact) -> bool {
         let Contact { point, scene_point, normal, depth } = found.contact;
         point.is_finite()
@@ -257,7 +257,7 @@ impl ContactSet {
         self.outcome.measured = self.regions.inside.measured;
         self.outcome.inside = self.regions.inside.found.len();
         self.outcome.truncated = self.regions.inside.truncated;
-        // The deepest of a region goes before the others, which may be equally deep.
+        // The deepest place of a region comes before the others, which may be equally deep.
         self.deep.sort_unstable_by(|x, y| {
             y.depth.total_cmp(&x.depth).then(y.deepest.cmp(&x.deepest)).then(x.at.cmp(&y.at))
         });
@@ -270,7 +270,7 @@ impl ContactSet {
                     PatchContact { contact: to_world(&deepest.contact, probe_pose), ..deepest }
                 }
             };
-            // One object's deepest vertex and the other's are the same place.
+            // The deepest vertices of both objects may be the same place.
             let points = [found.contact.point; 2];
             if deepest || self.maxima.near(points, region).is_none() {
                 self.outcome.by_vertices += usize::from(deepest && matches!(at, Place::Vertex(_)));
@@ -302,7 +302,7 @@ impl ContactSet {
         self.outcome.minima = self.minima.len();
     }
 
-    /// Adds those minima that are not within `reach` of a contact that is there already.
+    /// Adds the minima that are not within `reach` of a contact already in the set.
     fn merge(&mut self, contacts: &[PatchContact], reach: f64) {
         self.kept.clear(reach, self.contacts.len() + self.minima.len());
         let points = |found: &PatchContact| [found.contact.point, found.contact.scene_point];

@@ -1,4 +1,4 @@
-//! Penetrating pairs of patches, and which of them a node is in.
+//! Penetrating pairs of patches, grouped by node.
 
 use crate::disjoint_sets::DisjointSets;
 
@@ -9,22 +9,22 @@ pub(crate) struct Pair {
     pub nodes: [u32; 2],
     /// Index of its deepest contact.
     pub contact: u32,
-    /// m.
+    /// Depth, m.
     pub depth: f64,
-    /// Whether both hulls are inside their solids, so that the depth is no more than what separates these.
+    /// Whether both hulls are inside their solids, so that the depth is at most that of the solids.
     pub contained: bool,
     /// Whether a neighbouring pair is deeper.
     pub surpassed: bool,
 }
 
-/// The pairs that the nodes of one side are in.
+/// The pairs of each node of one side.
 #[derive(Clone, Debug)]
 pub(crate) struct Groups {
-    /// Per node: range of the order.
+    /// Range of each node in the order.
     of_node: Vec<(u32, u32)>,
     /// Pairs, by node.
     order: Vec<u32>,
-    /// At the place in the order where a group starts: whether its pairs are all in one region.
+    /// For the first place of each group in the order, whether its pairs are all in one region.
     uniform: Vec<bool>,
 }
 
@@ -40,7 +40,7 @@ impl Groups {
         &self.order[first as usize..last as usize]
     }
 
-    /// Forgets the pairs, which are those that it was filled with.
+    /// Removes the pairs, which must be those of the last [`fill`](Self::fill).
     pub fn clear(&mut self, pairs: &[Pair], side: usize) {
         pairs.iter().for_each(|pair| self.of_node[pair.nodes[side] as usize] = (0, 0));
         self.order.clear();
@@ -58,7 +58,7 @@ impl Groups {
         }
     }
 
-    /// Notes for which nodes all pairs are in one set.
+    /// Marks the nodes whose pairs are all in one set.
     pub fn mark_uniform(&mut self, pairs: &[Pair], side: usize, sets: &mut DisjointSets) {
         for (at, &pair) in self.order.iter().enumerate() {
             let first = self.of_node[pairs[pair as usize].nodes[side] as usize].0 as usize;
@@ -67,12 +67,12 @@ impl Groups {
         }
     }
 
-    /// Whether all pairs of a node were in one set. The node has to have pairs.
+    /// Whether all pairs of a node are in one set. The node must have pairs.
     pub fn is_uniform(&self, node: u32) -> bool {
         self.uniform[self.of_node[node as usize].0 as usize]
     }
 
-    /// Bytes of memory held.
+    /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         self.of_node.capacity() * size_of::<(u32, u32)>()
             + self.order.capacity() * size_of::<u32>()

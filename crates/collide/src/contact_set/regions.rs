@@ -1,4 +1,4 @@
-//! Connected regions of intersection, and how deep they are.
+//! Connected regions of intersection, with their depths.
 //!
 //! Pairs of penetrating patches belong to one region when their patches are equal or neighbours on both
 //! sides. The depth of one pair is only a lower bound on how deep the objects are in one another, so it is
@@ -23,17 +23,17 @@ use crate::contact::PatchContact;
 use crate::disjoint_sets::DisjointSets;
 use crate::shape::Shape;
 
-/// Number of a node or region that is not there.
+/// Number that stands for no node or region.
 const NONE: u32 = u32::MAX;
 
-/// A place of a region where it is deep.
+/// A place of large depth in a region.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Deep {
     /// Number of the region.
     pub region: u32,
     /// Depth, m.
     pub depth: f64,
-    /// Whether it is the deepest of the region.
+    /// Whether it is the deepest place of the region.
     pub deepest: bool,
     pub at: Place,
 }
@@ -55,9 +55,9 @@ pub(crate) struct Regions {
     /// Elements: the pairs, followed by the vertices inside.
     sets: DisjointSets,
     pub inside: InsideVertices,
-    /// Per element that is a root: its region.
+    /// Region of each element that is a root.
     numbers: Vec<u32>,
-    /// Per region: deepest vertex, and deepest pair.
+    /// Deepest vertex and deepest pair of each region.
     deepest: Vec<[Option<u32>; 2]>,
     deep: Vec<Deep>,
 }
@@ -76,7 +76,7 @@ impl Regions {
         }
     }
 
-    /// Bytes of memory held.
+    /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         let groups = self.groups.iter().map(Groups::bytes);
         groups.sum::<usize>()
@@ -87,7 +87,7 @@ impl Regions {
             + self.deepest.capacity() * size_of::<[Option<u32>; 2]>()
     }
 
-    /// Size of all buffers, which shows whether one has grown.
+    /// Capacity of all buffers, which shows whether one has grown.
     pub fn capacity(&self) -> usize {
         self.bytes() + self.inside.search.capacity()
     }
@@ -97,7 +97,7 @@ impl Regions {
         self.deepest.len()
     }
 
-    /// Finds the regions among contacts, of which the penetrating ones count, and where each is deep.
+    /// Finds the regions of the penetrating contacts, and the deepest places of each.
     pub fn run(&mut self, contacts: &[PatchContact], sides: &[Side; 2], measures: &Measures) -> &[Deep] {
         self.clear();
         self.pair_up(contacts, sides);
@@ -160,7 +160,7 @@ impl Regions {
                     .map(|node| groups.of(node).len())
                     .sum::<usize>()
             });
-            // Candidates are neighbours on one side already; the side with fewer of them is gone through.
+            // Candidates are neighbours on one side already; the side with fewer of them is searched.
             let side = usize::from(candidates[1] < candidates[0]);
             let other = sides[1 - side].own;
             for node in around(sides[side].own, nodes[side], coarsest[side]) {
@@ -185,8 +185,9 @@ impl Regions {
         }
     }
 
-    /// Looks at the vertices of a side's triangles that may cross the other surface, and on from those
-    /// inside.
+    /// Measures the vertices of a side's triangles that may cross the other surface, and floods along the
+    /// mesh from those inside. An edge between two vertices inside joins them if its triangle's patch
+    /// penetrates nothing, or if the balls around its ends cover it: depth + depth' ≥ length.
     fn look_around(&mut self, side: &Side, measures: &Measures) {
         let (own, other, index) = (side.own, side.other, side.index);
         let neighbours = &own.patchwork().neighbours;
@@ -238,7 +239,7 @@ impl Regions {
         }
     }
 
-    /// Measures a vertex's distance, if that was not done yet. Returns its index if it is inside.
+    /// Measures a vertex's distance once. Returns its index if it is inside.
     fn measure(
         &mut self,
         side: &Side,
@@ -262,7 +263,7 @@ impl Regions {
         }
     }
 
-    /// The pair of patches at a vertex whose other patch is nearest to it.
+    /// The pair of patches at a vertex whose other patch is nearest to the vertex.
     fn pair_of(&mut self, side: &Side, index: usize) -> Option<u32> {
         let Inside { vertex, in_other, nearest, .. } = self.inside.found[index];
         let neighbours = &side.own.patchwork().neighbours;
@@ -310,7 +311,8 @@ impl Regions {
         self.numbers[root as usize]
     }
 
-    /// Numbers the regions, and finds the deepest place of each.
+    /// Numbers the regions and finds the deepest place of each: its deepest vertex, unless a pair is deeper
+    /// by more than `same`.
     fn list_deepest(&mut self, same: f64) {
         let elements = self.sets.len();
         self.numbers.resize(elements as usize, NONE);
@@ -331,7 +333,7 @@ impl Regions {
         }
         for index in 0..self.pairs.len() as u32 {
             let region = self.region(index) as usize;
-            // What protrudes from a solid may be deeper than the solid is.
+            // A hull that protrudes from its solid may be deeper than the solid.
             let by_vertices = self.deepest[region][0].is_some();
             if by_vertices && !self.pairs[index as usize].contained {
                 continue;
@@ -358,8 +360,8 @@ impl Regions {
         }
     }
 
-    /// Lists the vertices that no neighbour inside is deeper than, and, in regions without any, such pairs of
-    /// patches.
+    /// Lists the local maxima of the depth: vertices without a deeper neighbour and, in regions without
+    /// vertices, pairs of patches without one.
     fn list_maxima(&mut self, sides: &[Side; 2], same: f64) {
         for index in 0..self.inside.found.len() as u32 {
             if self.inside.is_maximum(index, sides, same) {
@@ -378,7 +380,7 @@ impl Regions {
     }
 }
 
-/// A node with its neighbours, and the same of its ancestors up to a level.
+/// A node with its neighbours, and its ancestors up to a level with theirs.
 fn around(shape: &Shape, node: u32, coarsest: u32) -> impl Iterator<Item = u32> + Clone {
     let above = move |node: &u32| {
         let node = shape.clod().node(*node);

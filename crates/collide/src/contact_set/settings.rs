@@ -1,52 +1,52 @@
 //! Settings of a contact set, and results of a run.
 
-/// Most vertices whose distance from the other surface a run measures, by default.
-const MOST_VERTICES: usize = 1 << 16;
+/// Default limit of the number of vertices whose distance from the other surface a run measures.
+const MAX_VERTICES: usize = 1 << 16;
 
 /// Settings of a contact set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactSetSettings {
-    /// Separated contacts whose points on both surfaces are no further than this from those of a closer
-    /// contact that stays are dropped, m. Not negative; 0 drops equal ones only.
+    /// Distance, m, within which a separated contact is merged into a closer one, by their points on both
+    /// surfaces. Not negative; 0 merges equal ones only.
     pub merge: f64,
-    /// Local maxima of the depth in one region stay if they are further apart than this, m. Infinite (the
+    /// Minimum distance, m, between local maxima of the depth in one region. Infinite (the
     /// default): one contact for each region. Not negative.
     ///
-    /// A region that goes around something, as that of a peg in a tight hole does, needs several to be pushed
-    /// back right. [`ContactSet::noticeable_spacing`](crate::ContactSet::noticeable_spacing) is a value for
-    /// that.
+    /// A region that surrounds something, as that of a peg in a tight hole, needs several contacts for a
+    /// correct force. [`ContactSet::noticeable_spacing`](crate::ContactSet::noticeable_spacing) is a suitable
+    /// value.
     pub spacing: f64,
-    /// Vertices whose distance from the other surface may be measured. Beyond, depths are lower bounds, and
-    /// [`ContactSetOutcome::truncated`] says so.
+    /// Largest number of vertices whose distance from the other surface is measured. With more, depths are
+    /// lower bounds, and [`ContactSetOutcome::truncated`] is set.
     pub most_vertices: usize,
 }
 
 impl ContactSetSettings {
     /// Settings with a distance (m) within which separated contacts are merged, and defaults for the rest.
     pub fn new(merge: f64) -> Self {
-        Self { merge, spacing: f64::INFINITY, most_vertices: MOST_VERTICES }
+        Self { merge, spacing: f64::INFINITY, most_vertices: MAX_VERTICES }
     }
 }
 
 /// Results and costs of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactSetOutcome {
-    /// Connected regions of intersection.
+    /// Number of connected regions of intersection.
     pub regions: usize,
-    /// Contacts of the regions: one each, and the further maxima.
+    /// Number of contacts of the regions: one each, and further maxima.
     pub penetrating: usize,
-    /// Separated contacts that are local minima, before they are merged.
+    /// Number of separated contacts that are local minima, before merging.
     pub minima: usize,
-    /// Separated contacts that stay.
+    /// Number of separated contacts after merging.
     pub separated: usize,
-    /// Regions whose depth is that of a vertex, rather than of two patches.
+    /// Number of regions whose depth is that of a vertex, rather than of two patches.
     pub by_vertices: usize,
-    /// Vertices whose distance was measured.
+    /// Number of vertices whose distance was measured.
     pub measured: usize,
-    /// Vertices found inside the other object.
+    /// Number of vertices inside the other object.
     pub inside: usize,
     /// Whether there were more vertices to measure than [`ContactSetSettings::most_vertices`].
     pub truncated: bool,
-    /// Whether a buffer grew: there was more to do than ever before.
+    /// Whether a buffer grew: the run needed more memory than any before.
     pub reallocated: bool,
 }

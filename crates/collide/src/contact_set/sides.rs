@@ -1,4 +1,4 @@
-//! The two bodies, each seen from its own side.
+//! The two bodies, each with the other relative to it.
 
 use crate::convex::Placement;
 use crate::shape::Shape;

@@ -1,16 +1,17 @@
-//! Points that are chosen one after the other, each at a distance from those before: kept in cells of that
-//! size.
+//! Points that are chosen in turn, each at a minimum distance from those before, in a hash grid with cells of
+//! that size.
 
 use palpate_core::glam::DVec3;
 
+/// Index that stands for no point.
 const NONE: u32 = u32::MAX;
 
-/// The points that were chosen: in pairs, with a label. Only pairs of the same label are compared.
+/// The chosen pairs of points, each with a label. Only pairs of the same label are compared.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Spaced {
-    /// m.
+    /// Minimum distance, m.
     reach: f64,
-    /// Per hash of a cell: the last that was chosen there.
+    /// For each hash of a cell, the last pair chosen there.
     heads: Vec<u32>,
     chosen: Vec<Chosen>,
 }
@@ -19,13 +20,12 @@ pub(crate) struct Spaced {
 struct Chosen {
     points: [DVec3; 2],
     label: u32,
-    /// The one chosen before it under the same hash.
+    /// The pair chosen before it with the same hash.
     next: u32,
 }
 
 impl Spaced {
-    /// Forgets all, and prepares for some `count` points that are to be further apart than `reach` (m, above
-    /// 0).
+    /// Removes all pairs, and prepares for about `count` pairs with a minimum distance `reach` (m, above 0).
     pub fn clear(&mut self, reach: f64, count: usize) {
         self.reach = reach;
         self.chosen.clear();
@@ -37,8 +37,7 @@ impl Spaced {
         self.heads.capacity() * size_of::<u32>() + self.chosen.capacity() * size_of::<Chosen>()
     }
 
-    /// One with this label that was chosen, of which both points are within reach: which in the order of
-    /// choice.
+    /// Index, in the order of choice, of a chosen pair with this label whose points are both within reach.
     pub fn near(&self, points: [DVec3; 2], label: u32) -> Option<usize> {
         let cell = self.cell(points[0]);
         let offsets = (0..27).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1]);
@@ -80,7 +79,7 @@ mod tests {
     use rand::{RngExt, SeedableRng, rngs::StdRng};
 
     #[test]
-    fn agrees_with_going_through_all() {
+    fn agrees_with_a_linear_search() {
         let mut rng = StdRng::seed_from_u64(0x0071_1111);
         let mut spaced = Spaced::default();
         for reach in [1e-9, 0.05, 0.3, 5.0] {

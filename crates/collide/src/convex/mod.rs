@@ -5,13 +5,12 @@
 //! the frame of the first, **a** (the probe's), in which all results are given. A hull may be degenerate:
 //! flat, a needle or a single point.
 //!
-//! Everything is f64. With f32, and tolerances that are larger accordingly, on the pairs of patches that are
-//! in contact in the benchmark scenarios, little time is saved, since most of it goes into looking up and
-//! comparing rather than into arithmetic on wide registers; and depths are then off by up to a ten-thousandth
-//! of the tolerance d. That could not be felt in one contact. But the queries also prove bounds, which decide
-//! how long a pair needs no recheck. They distinguish surfaces that touch from surfaces that are apart at a
-//! tolerance of 0, and must not depend on the unit of length or on how far from the origin a body is
-//! modelled.
+//! All numbers are f64. With f32 and accordingly larger tolerances, little time is saved on the pairs of
+//! patches in contact in the benchmark scenarios, since most of it is spent on memory access and comparisons
+//! rather than on arithmetic in wide registers; and depths have errors of up to a ten-thousandth of the
+//! tolerance d. These could not be felt in one contact. But the queries also prove bounds, which decide how
+//! long a pair needs no recheck. The bounds distinguish surfaces that touch from surfaces that are apart at a
+//! tolerance of 0, and must not depend on the unit of length or on a body's distance from the origin.
 
 pub mod gjk;
 pub mod penetration;

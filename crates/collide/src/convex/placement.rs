@@ -3,7 +3,7 @@
 use palpate_core::Pose;
 use palpate_core::glam::{DMat3, DVec3};
 
-/// Maps coordinates of hull **b** into the frame of hull **a**: `x ↦ rotation · x + translation`.
+/// Transform from the frame of hull **b** to that of hull **a**: `x ↦ rotation · x + translation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// Rotation matrix from b's axes to a's.

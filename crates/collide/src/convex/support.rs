@@ -1,9 +1,9 @@
 //! Support mapping: the extreme point of a hull in a direction.
 //!
-//! Small hulls are scanned. Larger ones carry a [`SupportMap`]: the sphere of directions as a cube, whose
-//! faces are cut into square cells, quartered where the hull is round, each with the few points that can be
-//! extreme in it. Unlike hill climbing that needs no hull faces, which a hierarchy does not store, cannot get
-//! stuck on coplanar points, and takes no longer when the direction has changed much.
+//! Small hulls are scanned. Larger ones have a [`SupportMap`]: the sphere of directions as a cube, whose
+//! faces are quadtrees of square cells, finer where the hull is round, each with the few points that can be
+//! extreme in it. Unlike hill climbing this needs no hull faces, which a hierarchy does not store, cannot get
+//! stuck on coplanar points, and takes no longer if the direction has changed much.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -13,16 +13,16 @@ use palpate_core::glam::DVec3;
 
 use crate::tolerances::SUPPORT_SLACK;
 
-/// Most points of a cell that is not quartered.
+/// Largest number of points of a cell that is not quartered.
 const CELL_POINTS: usize = 6;
 
-/// Most times that a face of the cube is quartered.
+/// Largest depth of a quadtree.
 const MAX_DEPTH: u32 = 12;
 
-/// Most cells of a map for each point of the hull.
+/// Largest number of cells of a map per point of the hull.
 const CELLS_PER_POINT: usize = 2;
 
-/// Most points of a cell in which each is compared with all others, rather than with a few.
+/// Largest number of points of a cell in which each is compared with all others, rather than with five.
 const ALL_COMPARED: usize = 24;
 
 /// A convex hull as the set of its extreme points, in its own frame.
@@ -35,7 +35,7 @@ pub struct Hull<'a> {
 /// Points of a hull.
 #[derive(Clone, Copy, Debug)]
 pub enum HullPoints<'a> {
-    /// A row of points.
+    /// A slice of points.
     Row(&'a [DVec3]),
     /// Points of a hierarchy's node.
     Node(Points<'a>),
@@ -66,12 +66,12 @@ impl<'a> From<Points<'a>> for HullPoints<'a> {
 }
 
 impl<'a> Hull<'a> {
-    /// The hull of some points (m), at least one. Points that are not extreme do no harm.
+    /// The hull of some points (m), at least one. Some may not be extreme.
     pub fn new(points: impl Into<HullPoints<'a>>) -> Self {
         Self::with_map(points, None)
     }
 
-    /// The hull of some points with a map that was made of the same points.
+    /// The hull of some points with a map made of the same points.
     pub fn with_map(points: impl Into<HullPoints<'a>>, map: Option<&'a SupportMap>) -> Self {
         let hull = Self { points: points.into(), map };
         debug_assert!(hull.len() > 0 && map.is_none_or(|map| map.count as usize == hull.len()));
@@ -106,7 +106,7 @@ impl<'a> Hull<'a> {
         }
     }
 
-    /// Whether all points fulfil a condition.
+    /// Whether all points satisfy a condition.
     #[inline]
     pub fn all_points(&self, mut condition: impl FnMut(DVec3) -> bool) -> bool {
         match self.points {
@@ -115,11 +115,11 @@ impl<'a> Hull<'a> {
         }
     }
 
-    /// Calls `each` with the index and the place (m) of every point that reaches at least so far along a
-    /// direction.
+    /// Calls `each` with the index and the position (m) of every point whose dot product with a direction is
+    /// at least `reach`.
     #[inline]
     pub fn each_beyond(&self, direction: DVec3, reach: f64, mut each: impl FnMut(u32, DVec3)) {
-        // Loops, which compile to fewer instructions than adapters.
+        // Loops compile to fewer instructions than iterator adapters.
         match self.points {
             HullPoints::Row(points) => {
                 for (index, point) in (0u32..).zip(points) {
@@ -148,7 +148,7 @@ impl<'a> Hull<'a> {
         self.furthest(direction).0
     }
 
-    /// The first point that lies furthest in a direction (of any length): its index, and where it is, m.
+    /// Index and position (m) of the first point that lies furthest in a direction (of any length).
     pub fn furthest(&self, direction: DVec3) -> (u32, DVec3) {
         let found = match (self.map, self.points) {
             (None, HullPoints::Row(points)) => first_furthest((0u32..).zip(points), direction),
@@ -160,7 +160,7 @@ impl<'a> Hull<'a> {
     }
 }
 
-/// The first of some points, with their indices, that lies furthest in a direction; `None` if none does.
+/// The first of some indexed points that lies furthest in a direction; `None` if all dot products are NaN.
 #[inline]
 fn first_furthest<'p>(
     points: impl Iterator<Item = (u32, &'p DVec3)>,
@@ -176,7 +176,7 @@ fn first_furthest<'p>(
     best.map(|(index, point)| (index, *point))
 }
 
-/// For every direction, which points of a hull can be extreme.
+/// Candidates for the extreme point of a hull, by direction.
 #[derive(Clone, Debug)]
 pub struct SupportMap {
     lists: Lists,
@@ -184,9 +184,9 @@ pub struct SupportMap {
     count: u32,
 }
 
-/// The cells: the six faces of the cube, then the quarters of each cell that has some. Each is where its
-/// quarters begin, or, with the highest bit, where its candidates do: how many points can be extreme there,
-/// and which. In as few bytes as the hull allows.
+/// The cells: the six faces of the cube, then the quarters of each cell that is split. Each cell holds the
+/// index of its first quarter or, with the highest bit set, that of its candidates: their number, then their
+/// indices. The element types are the smallest that the hull allows.
 #[derive(Clone, Debug)]
 enum Lists {
     Small { cells: Box<[u16]>, candidates: Box<[u8]> },
@@ -194,11 +194,11 @@ enum Lists {
     Large { cells: Box<[u32]>, candidates: Box<[u32]> },
 }
 
-/// Marks a cell that has candidates.
+/// Flag of a cell with candidates.
 const FILLED: u32 = 1 << 31;
 const FILLED_SMALL: u16 = 1 << 15;
 
-/// A cell while a map is made. Those with the most points come first.
+/// A cell while a map is built. Cells with the most points come first.
 #[derive(Debug)]
 struct Unfilled {
     candidates: Vec<u32>,
@@ -227,14 +227,14 @@ impl PartialEq for Unfilled {
 
 impl Eq for Unfilled {}
 
-/// Binary digits of a place on a face of the cube.
+/// Binary digits of a coordinate on a face of the cube.
 const DIGITS: u32 = 30;
 
 impl SupportMap {
-    /// Number of points from which on a map is faster than a scan.
+    /// Smallest number of points for which a map is faster than a scan.
     pub const WORTHWHILE: usize = 28;
 
-    /// A map of a hull's points, at least one.
+    /// Makes a map of a hull's points, at least one.
     pub fn new(points: &[DVec3]) -> Self {
         let (mut cells, mut filled) = (vec![0; 6], Vec::new());
         let all: Vec<u32> = (0u32..).take(points.len()).collect();
@@ -253,7 +253,7 @@ impl SupportMap {
                     let candidates = square.candidates(points, candidates);
                     Unfilled { candidates, cell: first + quarter, square, depth: depth + 1 }
                 });
-                // Where many points meet, quarters would have them all again.
+                // If the quarters would have most of the points again, the cell is not split.
                 if quarters.iter().map(|quarter| quarter.candidates.len()).sum::<usize>()
                     <= 3 * candidates.len()
                 {
@@ -268,7 +268,7 @@ impl SupportMap {
             filled.extend(candidates);
         }
         let cells = cells.into_iter();
-        // None is cut short.
+        // The indices fit the chosen types.
         let lists = if points.len() <= 0xff && filled.len() < usize::from(FILLED_SMALL) {
             let small = |cell: u32| (cell & !FILLED) as u16 | ((cell & FILLED) >> 16) as u16;
             let candidates = filled.into_iter().map(|index| index as u8).collect();
@@ -282,7 +282,7 @@ impl SupportMap {
         Self { lists, count: points.len() as u32 }
     }
 
-    /// Bytes of memory held, besides itself.
+    /// Memory held, bytes, without itself.
     pub fn bytes(&self) -> usize {
         match &self.lists {
             Lists::Small { cells, candidates } => size_of_val(&**cells) + size_of_val(&**candidates),
@@ -324,7 +324,7 @@ impl SupportMap {
     }
 }
 
-/// The place of the candidates of the cell that is found below a face, going from quarter to quarter.
+/// Descends from a face to the cell of a direction. Returns the index of its candidates.
 fn descend(cells: &[u32], face: usize, mut quarter: impl FnMut() -> usize) -> usize {
     let mut cell = cells[face];
     while cell & FILLED == 0 {
@@ -333,7 +333,8 @@ fn descend(cells: &[u32], face: usize, mut quarter: impl FnMut() -> usize) -> us
     (cell ^ FILLED) as usize
 }
 
-/// The face of the cube that a direction goes through, and where: in units of 2⁻ᴰᴵᴳᴵᵀˢ of its sides.
+/// The face of the cube that a direction goes through, and the coordinates there, in units of 2⁻ᴰᴵᴳᴵᵀˢ of its
+/// sides.
 fn on_cube(direction: DVec3) -> (usize, [u32; 2]) {
     let DVec3 { x, y, z } = direction;
     let (ax, ay, az) = (x.abs(), y.abs(), z.abs());
@@ -346,12 +347,12 @@ fn on_cube(direction: DVec3) -> (usize, [u32; 2]) {
     };
     let half = f64::from(1u32 << (DIGITS - 1));
     let scale = half / along.abs();
-    // What is not a number becomes 0.
+    // NaN becomes 0.
     let place = |x: f64| ((x * scale + half) as u32).min((1 << DIGITS) - 1);
     (2 * axis + usize::from(along < 0.0), [place(u), place(v)])
 }
 
-/// A cell as a square on a face of the cube of directions from −1 to 1: its corners.
+/// Corners of a cell, a square on a face of the cube of directions from −1 to 1.
 #[derive(Clone, Copy, Debug)]
 struct Square([DVec3; 4]);
 
@@ -367,7 +368,8 @@ impl Square {
         Self(self.0.map(|corner| (corner + self.0[quarter]) / 2.0))
     }
 
-    /// Those of some points that can be extreme in the cell: no other one is beyond them at all four corners.
+    /// The points that can be extreme in the cell: those that no other point leads at all four corners. A dot
+    /// product is linear in the direction, so a point that leads at the corners leads in the whole cell.
     fn candidates(&self, points: &[DVec3], among: &[u32]) -> Vec<u32> {
         let reaches: Vec<[f64; 4]> =
             among.iter().map(|&index| self.0.map(|corner| points[index as usize].dot(corner))).collect();
@@ -407,7 +409,7 @@ mod tests {
                     let p = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
                     match shape {
                         0 => p * DVec3::new(1.0, 1.0, 0.0),
-                        // A cap, as patches of round bodies are.
+                        // A cap, like a patch of a round body.
                         1 => DVec3::new(p.x, p.y, 10.0 - 0.1 * p.length_squared()),
                         _ => 3.0 * p.normalize_or_zero(),
                     }
@@ -418,7 +420,7 @@ mod tests {
             for trial in 0..60 {
                 let mut direction = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
                 if trial % 3 == 0 {
-                    // On the cells' borders.
+                    // Directions on the cells' borders.
                     direction = (8.0 * direction).round();
                 }
                 let (found, expected) = (hull.support(direction), scanned.support(direction));
@@ -428,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_points_and_odd_directions_do_no_harm() {
+    fn equal_points_and_odd_directions_are_handled() {
         let points = vec![DVec3::ONE; 1000];
         let map = SupportMap::new(&points);
         let hull = Hull::with_map(&points, Some(&map));

@@ -1,5 +1,4 @@
-//! The surface of each level of a hierarchy: which patches and triangles meet, and which point of it is
-//! nearest to another.
+//! The surface of each level of a hierarchy: adjacency of patches and triangles, and nearest points.
 
 mod nearest;
 mod neighbours;

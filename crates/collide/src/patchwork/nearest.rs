@@ -1,8 +1,8 @@
 //! The nearest point of a surface to a point, and its outward normal, by branch and bound over the trees.
 //!
-//! The side that a point is on follows from the angle-weighted normal at the nearest point (Bærentzen and
-//! Aanæs 2005), which is right on vertices and edges too, for a closed surface that does not intersect
-//! itself.
+//! The side of the surface that a point is on follows from the angle-weighted normal at the nearest point
+//! (Bærentzen and Aanæs 2005), which is correct at vertices and edges too, for a closed surface that does not
+//! intersect itself.
 
 use palpate_core::glam::DVec3;
 
@@ -11,14 +11,14 @@ use super::trees::{Bunch, NO_TREE, Patchwork};
 use crate::convex::nearest_on_triangle;
 use crate::tolerances::ROUNDING_SLACK;
 
-/// The point of a surface that is nearest to another.
+/// The point of a surface that is nearest to another point.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct NearestPoint {
     /// Distance between the two, m.
     pub distance: f64,
     /// The point, in the surface's frame, m.
     pub point: DVec3,
-    /// Weights of the triangle's corners; some are 0 on its border.
+    /// Barycentric weights of the triangle's corners; some are 0 on its border.
     weights: [f64; 3],
     /// Index of the triangle among all of the hierarchy.
     pub triangle: u32,
@@ -29,11 +29,11 @@ pub(crate) struct NearestPoint {
 /// The workspace of searches.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct NearestSearch {
-    /// Boxes that wait, with the point's squared distance from them.
+    /// Waiting boxes, with their squared distance from the point.
     stack: Vec<(f64, u32)>,
 }
 
-/// The best so far: squared distance, and where.
+/// The nearest point so far: squared distance, barycentric weights and triangle.
 struct Best {
     point: DVec3,
     squared: f64,
@@ -62,7 +62,7 @@ impl NearestSearch {
         self.stack.capacity()
     }
 
-    /// The nearest point, on the surface of a level, to a point in the shape's frame. `hint`: a triangle of
+    /// Finds the point of a level's surface nearest to a point in the shape's frame. `hint`: a triangle of
     /// that level that may be near.
     pub fn on_level(
         &mut self,
@@ -76,7 +76,7 @@ impl NearestSearch {
         self.descend(surface, surface.of_level[level as usize], best)
     }
 
-    /// The nearest point of one patch, if it is nearer than `limit`.
+    /// Finds the nearest point of one patch, if it is nearer than `limit`.
     pub fn on_patch(
         &mut self,
         surface: &Patchwork,
@@ -103,12 +103,12 @@ impl NearestSearch {
                 order.iter().for_each(|triangle| best.offer(&surface.neighbours, *triangle));
                 continue;
             }
-            // A little less than it is, for rounding.
+            // Lower bound, reduced by rounding.
             let bound = |half: u32| {
                 surface.trees[half as usize].distance_squared(best.point) * (1.0 - ROUNDING_SLACK)
             };
             let (x, y) = ((bound(index + 1), index + 1), (bound(second), second));
-            // The nearer one is looked at first.
+            // The nearer half is popped first.
             for half in if x.0 < y.0 { [y, x] } else { [x, y] } {
                 if half.0 < best.squared {
                     self.stack.push(half);
@@ -125,14 +125,13 @@ impl NearestSearch {
 }
 
 impl NearestPoint {
-    /// Unit outward normal of the surface, if the point is in the middle of a triangle.
+    /// Unit outward normal of the surface, if the point is in the interior of a triangle.
     pub fn face_normal(&self, surface: &Patchwork) -> Option<DVec3> {
         let [p, q, r] = surface.neighbours.corners(self.triangle);
         self.weights.iter().all(|weight| *weight > 0.0).then(|| (q - p).cross(r - p).normalize())
     }
 
-    /// The mesh vertex at the corner of the triangle that counts most: one that all triangles at the point
-    /// have.
+    /// The mesh vertex at the corner with the largest weight, which all triangles at the point have.
     pub fn nearest_vertex(&self, surface: &Patchwork) -> u32 {
         let ends = surface.neighbours.ends(self.triangle);
         let [u, v, w] = self.weights;

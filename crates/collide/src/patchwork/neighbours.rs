@@ -1,17 +1,19 @@
-//! Which patches and triangles of a level meet: the surface that patches are pieces of, put together again.
+//! Adjacency of the patches and triangles of a level: the level's mesh, welded from its patches.
 //!
-//! Nodes share no vertices in a hierarchy's layout. Patches of one level are pieces of one mesh, though, and
-//! their common vertices have the same coordinates to the last bit, by which they are joined here. Vertices
-//! of different levels are never joined, so each level is a surface of its own.
+//! Nodes share no vertices in a hierarchy's layout. But patches of one level are pieces of one mesh, and
+//! their common vertices have the same coordinates to the last bit, by which they are welded here. Vertices
+//! of different levels are never welded, so each level is a surface of its own.
 
 use palpate_core::Clod;
 use palpate_core::clod::NO_NODE;
 use palpate_core::glam::DVec3;
 
-/// A vertex that belongs to no patch: points that bound descendants only.
+use crate::incidence::triangles_at_vertices;
+
+/// Mesh vertex of points that belong to no patch and only bound descendants.
 const NO_VERTEX: u32 = u32::MAX;
 
-/// The neighbourhood of patches, on every level that is not free.
+/// Adjacency of patches, on every level that is not free.
 ///
 /// Memory: 28 bytes a vertex of a level's mesh; 28 a triangle; 4 a node, and for every ordered pair of
 /// neighbouring patches.
@@ -19,17 +21,17 @@ const NO_VERTEX: u32 = u32::MAX;
 pub(crate) struct Neighbours {
     /// First node that has a patch.
     first_node: u32,
-    /// Per mesh vertex, m.
+    /// Mesh vertices, m.
     points: Vec<DVec3>,
-    /// Per triangle: the mesh vertices at its corners.
+    /// Mesh vertices at the corners of each triangle.
     ends: Vec<[u32; 3]>,
-    /// Per mesh vertex: where its triangles start; one more at the end.
+    /// Start of each mesh vertex's triangles; one more at the end.
     starts: Vec<u32>,
     /// Triangles around the mesh vertices, as indices among all of the hierarchy.
     around: Vec<u32>,
     /// The node that each triangle belongs to.
     owner: Vec<u32>,
-    /// Per node, from the first one on: where its neighbours start; one more at the end.
+    /// Start of each node's neighbours, from the first node on; one more at the end.
     node_starts: Vec<u32>,
     /// Nodes of the same level that share a vertex, in ascending order.
     nodes: Vec<u32>,
@@ -63,12 +65,12 @@ impl Neighbours {
                 *ends = corners.map(|corner| mesh_vertex[start + corner as usize]);
             }
         }
-        found.surround();
+        (found.starts, found.around) = triangles_at_vertices(found.points.len(), found.ends.iter().copied());
         found.meet(clod);
         found
     }
 
-    /// Joins equal vertices of a level, and numbers them.
+    /// Welds equal vertices of a level and numbers them.
     fn weld(&mut self, clod: &Clod, level: usize, mesh_vertex: &mut [u32], first: u32) {
         let mut vertices: Vec<([u64; 3], u32)> = clod
             .level(level)
@@ -82,26 +84,6 @@ impl Neighbours {
             }
             mesh_vertex[(vertex - first) as usize] = self.points.len() as u32 - 1;
         }
-    }
-
-    /// Lists the triangles around every vertex.
-    fn surround(&mut self) {
-        let mut starts = vec![0u32; self.points.len() + 1];
-        for vertex in self.ends.iter().flatten() {
-            starts[*vertex as usize + 1] += 1;
-        }
-        for index in 0..self.points.len() {
-            starts[index + 1] += starts[index];
-        }
-        let mut next = starts.clone();
-        self.around = vec![0; 3 * self.ends.len()];
-        for (triangle, ends) in (0u32..).zip(&self.ends) {
-            for vertex in ends {
-                self.around[next[*vertex as usize] as usize] = triangle;
-                next[*vertex as usize] += 1;
-            }
-        }
-        self.starts = starts;
     }
 
     /// Lists the neighbours of every node.
@@ -127,7 +109,7 @@ impl Neighbours {
         self.points.len()
     }
 
-    /// Bytes of memory held.
+    /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         let Self { points, ends, starts, around, owner, node_starts, nodes, .. } = self;
         let lists = [starts, around, owner, node_starts, nodes].map(|list| size_of_val(&**list));
@@ -146,7 +128,7 @@ impl Neighbours {
 
     /// The corners of a triangle, m.
     pub fn corners(&self, triangle: u32) -> [DVec3; 3] {
-        // Spelt out: as a map it is not inlined.
+        // Written out, since a map is not inlined.
         let [i, j, k] = self.ends(triangle);
         [self.points[i as usize], self.points[j as usize], self.points[k as usize]]
     }
@@ -167,8 +149,8 @@ impl Neighbours {
         &self.nodes[range]
     }
 
-    /// Whether two nodes are the same patch, or neighbours. Of nodes of different levels the finer one stands
-    /// for its ancestor on the coarser one's level.
+    /// Whether two nodes are the same patch or neighbours. For nodes of different levels, the finer one is
+    /// replaced by its ancestor on the coarser one's level.
     pub fn meets(&self, clod: &Clod, x: u32, y: u32) -> bool {
         let level = |node: u32| clod.node(node).level;
         let coarser = level(x).max(level(y));
@@ -183,7 +165,7 @@ impl Neighbours {
     }
 }
 
-/// Coordinates as bits, with one zero.
+/// Coordinates as bits; −0 becomes 0.
 fn bits(point: DVec3) -> [u64; 3] {
     point.to_array().map(|x| (x + 0.0).to_bits())
 }

@@ -1,6 +1,6 @@
 //! Trees of boxes over the patches of each level, and below each patch over its triangles.
 //!
-//! (The hierarchy's own spheres are loose around long patches: going through them takes two to three times as
+//! (The hierarchy's own spheres are loose around long patches: searches with them take two to three times as
 //! long.)
 
 use palpate_core::Clod;
@@ -9,12 +9,12 @@ use palpate_core::glam::DVec3;
 use super::neighbours::Neighbours;
 use crate::tolerances::ROUNDING_SLACK;
 
-/// Most triangles of a patch that a box holds without being split.
+/// Largest number of triangles of a box that is not split.
 const BUNCH: usize = 6;
-/// Root of a level or node that has no tree, because it is free.
+/// Root of a level or node without a tree, because it is free.
 pub(super) const NO_TREE: u32 = u32::MAX;
 
-/// The surface that the patches of a hierarchy make, on every level that is not free.
+/// The surface of a hierarchy's patches, on every level that is not free.
 ///
 /// Memory, besides that of the neighbours: 64 bytes for each bunch of some 5 triangles and for each inner box
 /// above them; 4 a triangle and a node.
@@ -24,12 +24,12 @@ pub(crate) struct Patchwork {
     pub(super) trees: Vec<Bunch>,
     /// Triangles in the order of the trees, as indices among all of the hierarchy.
     pub(super) order: Vec<u32>,
-    /// Per level, and per node: the root of its tree.
+    /// Root of the tree of each level and of each node.
     pub(super) of_level: Vec<u32>,
     pub(super) of_node: Vec<u32>,
 }
 
-/// A box around triangles. If it is split, its first half is the next one.
+/// A box around triangles. If it is split, its first half is the next box.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bunch {
     low: DVec3,
@@ -49,7 +49,7 @@ impl Bunch {
 }
 
 impl Patchwork {
-    /// Prepares the surface of a hierarchy.
+    /// Makes the surface of a hierarchy.
     pub fn new(clod: &Clod) -> Self {
         let mut surface = Self {
             neighbours: Neighbours::new(clod),
@@ -67,7 +67,7 @@ impl Patchwork {
         surface
     }
 
-    /// Makes a tree over patches; halves by the median of their centres along the longest side.
+    /// Makes a tree over patches, split at the median of their centres along the longest side.
     fn join(&mut self, clod: &Clod, nodes: &mut [u32]) -> u32 {
         if let [node] = *nodes {
             let first = self.order.len();
@@ -153,7 +153,7 @@ impl Patchwork {
         root.map_or([DVec3::INFINITY, DVec3::NEG_INFINITY], |root| [root.low, root.high])
     }
 
-    /// Bytes of memory held.
+    /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         let Self { neighbours, trees, order, of_level, of_node } = self;
         neighbours.bytes()

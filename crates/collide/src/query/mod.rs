@@ -2,35 +2,34 @@
 //!
 //! Both hierarchies are descended in tandem. A pair of nodes stays where it is when its bounding spheres, or
 //! then its hulls, are further apart than d + h(a) + h(b) (Eq. 3.5); otherwise one of them is split, down to
-//! pairs whose missing detail is below the threshold s₀ ([`refinement`]), and those are asked for contacts.
-//! With such a threshold the one with the coarser children is split (§3.4.2). At full resolution, where s₀ is
-//! 0, it is the larger one, down to pairs of leaves. As §3.4.1 has it, they are a superset of the local
-//! minima of the distance where the objects are disjoint, and local penetration depths where they overlap.
-//! Only surfaces that meet make contacts: an object that has sunk wholly into another, deeper than that one's
-//! patches are thick, has none.
+//! pairs whose missing detail is below the threshold s₀ ([`refinement`]), which are examined for contacts.
+//! With a threshold, the node with the coarser children is split (§3.4.2). At full resolution (s₀ = 0) it is
+//! the larger node, down to pairs of leaves. By §3.4.1, their contacts are a superset of the local minima of
+//! the distance if the objects are disjoint, and local penetration depths if they overlap. Only surfaces that
+//! meet make contacts: an object wholly inside another, deeper than the thickness of the other's patches, has
+//! none.
 //!
 //! A query starts from the [front] of the last one (§3.4.2), raised and lowered in place. The answer is that
-//! of a query from the roots: a pair is only passed over while the bodies have not moved enough to change its
+//! of a query from the roots: a pair is skipped only while the bodies have not moved enough to change its
 //! answer, or its hulls are still apart along the [axis](separating_axis) that separated them before, and
-//! searches that start from old nearest points find the same ones. With a threshold, the two have been seen
-//! to end at different levels at one pair in some thousand poses; the reason is not known.
+//! searches that start from old nearest points find the same ones. With a threshold, the two were seen
+//! to end at different levels for one pair in some thousand poses; the reason is not known.
 //!
-//! The [descent] hands pairs that may have contacts to a sink: they are examined [at once](immediate), after
+//! The [descent] passes pairs that may have contacts to a sink: they are examined [at once](immediate), after
 //! the descent on several threads ([`deferred`]), or in the order of their urgency until a budget is spent
 //! ([`budgeted`]).
 //!
-//! At full resolution the contacts are those of all patches within reach, as many as there are, and not
-//! spread evenly over the area of contact. That is for inspection, and for measuring what a threshold leaves
-//! out. Where time counts, leave some error out: with 2.5 % of the probe's radius a query takes a
-//! twenty-fifth to two thirds of the time.
+//! At full resolution the contacts are those of all patches within reach, which are not spread evenly over
+//! the area of contact. This is for inspection, and for measuring the error of a threshold. In real time,
+//! allow an error: with 2.5 % of the probe's radius a query takes a twenty-fifth to two thirds of the time.
 //!
-//! With a threshold, what is reported are contacts between the surfaces of coarser levels, each within s of
-//! the mesh. Contacts can go over from one level to the next as s* nears s₀ (§3.4.4), and a time-critical
+//! With a threshold, the contacts are those between the surfaces of coarser levels, each within s of the
+//! mesh. Contacts can be interpolated from one level to the next as s* nears s₀ (§3.4.4), and a time-critical
 //! query refines the pairs with the largest s*/s₀ first, until its budget is spent.
 //!
 //! Departures: hulls of many points are not tested above the leaves; hull queries there only decide whether a
-//! pair is within reach, and stop as soon as either bound on the distance settles it; nodes with a single
-//! child are passed through, as long as they are to be refined anyway. In §3.4.2 every node of the front is
+//! pair is within reach, and stop as soon as either bound on the distance decides it; nodes with a single
+//! child are skipped if they are refined anyway. In §3.4.2 every node of the front is
 //! tested in every query.
 
 mod bodies;
@@ -72,13 +71,13 @@ const CONTACTS: usize = 1 << 14;
 /// Number of pairs of nodes that a new workspace has room for.
 const PAIRS: usize = 1 << 15;
 
-/// Most pairs of nodes, on and above the front, that a workspace keeps, some 0.6 GB. Those beyond are tested
-/// anew in every query ([`QueryOutcome::front_overflow`]): the answer is the same, but takes longer.
+/// Largest number of pairs of nodes, on and above the front, that a workspace keeps, some 0.6 GB. Further
+/// ones are tested again in every query ([`QueryOutcome::front_overflow`]): the answer is the same, but takes
+/// longer.
 pub const MAX_PAIRS: usize = 1 << 22;
 
-/// The workspace of a contact query. It belongs to the pair of objects that it was made for, and keeps the
-/// front of the last query, from which the next one starts: keep one workspace for a pair of objects, and run
-/// it at pose after pose.
+/// The workspace of a contact query between two objects. It keeps the front of the last query, from which the
+/// next one starts: keep one workspace for each pair of objects, and run it at pose after pose.
 ///
 /// ```
 /// use palpate_collide::{ContactQuery, QueryError, QuerySettings, Shape};
@@ -111,7 +110,7 @@ pub const MAX_PAIRS: usize = 1 << 22;
 ///     }
 /// }
 ///
-/// // What a query cannot do is an error, and the next query works again.
+/// // A query with invalid settings is an error, and the next query works again.
 /// let most = octahedron.max_tolerance();
 /// let refused = query.run(&at(0.0), &Pose::IDENTITY, &QuerySettings::new(1.0));
 /// assert_eq!(refused, Err(QueryError::Tolerance { given: 1.0, most }));
@@ -132,21 +131,20 @@ impl ContactQuery {
         Self::with_capacity(probe, scene, CONTACTS, PAIRS)
     }
 
-    /// A workspace that has room for a number of contacts, and of pairs of nodes on and above the front, at
-    /// first.
+    /// A workspace with initial room for a number of contacts, and of pairs of nodes on and above the front.
     pub fn with_capacity(probe: &Shape, scene: &Shape, contacts: usize, pairs: usize) -> Self {
         let bodies = Bodies { probe: probe.clone(), scene: scene.clone() };
         Self {
             descent: Descent::new(bodies, pairs.clamp(1, MAX_PAIRS), MAX_PAIRS),
             tracking: Tracking::default(),
             deferred: Deferred::default(),
-            // No more wait than are kept.
+            // At most all pairs of the front wait.
             budgeted: Budgeted::with_capacity(pairs),
             report: Report::with_capacity(contacts),
         }
     }
 
-    /// Bytes of memory held by the workspace.
+    /// Memory held by the workspace, bytes.
     pub fn bytes(&self) -> usize {
         self.descent.bytes()
             + self.deferred.bytes()
@@ -154,19 +152,19 @@ impl ContactQuery {
             + self.report.contacts.capacity() * size_of::<PatchContact>()
     }
 
-    /// Forgets the front: the next query starts from the roots.
+    /// Discards the front: the next query starts from the roots.
     pub fn reset(&mut self) {
         self.tracking.reset();
     }
 
     /// Finds the contacts between the probe and the scene object at the given poses (object frame to world).
     ///
-    /// The cost grows with the number of pairs of patches within the tolerance, and with how far the objects
-    /// have moved since the last query.
+    /// The cost grows with the number of pairs of patches within the tolerance, and with the motion of the
+    /// objects since the last query.
     ///
     /// # Errors
     /// If a pose is not valid, or the tolerance or an error metric is out of bounds. There are no
-    /// contacts then, and the next query goes on from the last one that succeeded.
+    /// contacts then, and the next query continues from the last one that succeeded.
     pub fn run(
         &mut self,
         probe_pose: &Pose,
@@ -192,7 +190,7 @@ impl ContactQuery {
         Ok(self.report.outcome)
     }
 
-    /// Sizes of all buffers, which show whether one has grown.
+    /// Capacities of all buffers, which show whether one has grown.
     fn capacities(&self) -> ([usize; 4], [usize; 3]) {
         let Self { descent, deferred, budgeted, report, .. } = self;
         (descent.capacities(), [deferred.bytes(), budgeted.capacity(), report.contacts.capacity()])

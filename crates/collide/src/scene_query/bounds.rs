@@ -1,7 +1,7 @@
-//! Bounds of the broad phase: how far an object is from being in reach, at least, and how far it has moved,
-//! at most.
+//! Bounds of the broad phase: a lower bound on an object's gap to the reach, and an upper bound on its
+//! motion.
 //!
-//! All are rounded to the safe side: an object may be looked at in vain, but none in reach is passed over.
+//! All are rounded to the safe side: an object may be tested needlessly, but none in reach is missed.
 
 use palpate_core::Pose;
 use palpate_core::glam::{DQuat, DVec3};
@@ -9,7 +9,7 @@ use palpate_core::glam::{DQuat, DVec3};
 use super::kinds::Kind;
 use crate::tolerances::{COORDINATE_ROUNDING, ROUNDING_SLACK, UNIT_QUATERNION_SLACK};
 
-/// Pose of an object, with the centre of its sphere.
+/// Pose of an object with the centre of its sphere.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Placed {
     pub pose: Pose,
@@ -22,8 +22,8 @@ impl Placed {
         Self { pose: *pose, center: pose.transform_point(kind.ball.center) }
     }
 
-    /// Lower bound on how much further than `reach` (m) the object's sphere and box are from a point in the
-    /// world, m.
+    /// Lower bound on the distance of the object's sphere and box from a point in the world, minus `reach`,
+    /// m.
     pub fn gap(&self, kind: &Kind, point: DVec3, reach: f64) -> f64 {
         let distance = point.distance(self.center);
         let to_sphere = distance - kind.ball.radius;
@@ -33,9 +33,9 @@ impl Placed {
         to_sphere.max(to_box) - reach - slack - rounding(point) - rounding(self.center)
     }
 
-    /// When an object that is due for a recheck at a motion bound is due after it has been moved, m: earlier
-    /// by a bound on how far any point of its sphere or box has gone, which is as far as the sphere's centre,
-    /// and as the furthest corner turns about that.
+    /// Motion bound, m, at which an object is due for a recheck after it has been moved: earlier than before
+    /// by a bound on the motion of any point of its sphere or box, |Δ**c**| + turn · distance of the furthest
+    /// corner.
     pub fn recheck_after_move(&self, recheck_at: f64, moved: &Self, kind: &Kind) -> f64 {
         let length =
             moved.center.distance(self.center) + turn(self.pose.rotation, moved.pose.rotation) * kind.corner;
@@ -44,8 +44,8 @@ impl Placed {
     }
 }
 
-/// Bound on how much closer an object at rest may have come to the reach of the probe, m: by the motion of
-/// the probe's centre, and by a change of tolerance.
+/// Bound on the decrease of the gap of an object at rest, m, by the motion of the probe's centre and a change
+/// of the tolerance.
 pub(crate) fn probe_motion((last, before): (DVec3, f64), (center, tolerance): (DVec3, f64)) -> f64 {
     if last == center && before == tolerance {
         return 0.0;
@@ -54,7 +54,7 @@ pub(crate) fn probe_motion((last, before): (DVec3, f64), (center, tolerance): (D
     length * (1.0 + ROUNDING_SLACK) + rounding(center) + rounding(last)
 }
 
-/// Bound on how far a point of the unit sphere moves from one orientation to another: 2 sin(θ/2) ≤ 4
+/// Bound on the motion of a point of the unit sphere from one orientation to another: 2 sin(θ/2) ≤ 4
 /// sin(θ/4), and the chord between the quaternions, which are θ/2 apart, is 2 sin(θ/4).
 fn turn(from: DQuat, to: DQuat) -> f64 {
     2.0 * (from - to).length().min((from + to).length())

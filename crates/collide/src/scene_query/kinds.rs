@@ -6,7 +6,7 @@ use crate::ball::Ball;
 use crate::query::{ContactQuery, QueryOutcome};
 use crate::shape::Shape;
 
-/// The query with an object, and what it found last.
+/// The query with an object, and its last outcome.
 #[derive(Clone, Debug)]
 pub(crate) struct Workspace {
     pub query: ContactQuery,
@@ -23,10 +23,10 @@ pub(crate) struct Kind {
     pub high: DVec3,
     /// Distance of the furthest corner of the box from the sphere's centre, m.
     pub corner: f64,
-    /// Workspaces that no object holds; room for all that there are.
-    #[expect(clippy::vec_box, reason = "as objects hold them, to be handed on without being copied")]
+    /// Workspaces that no object holds, with room for all.
+    #[expect(clippy::vec_box, reason = "objects hold boxes, which are passed on without a copy")]
     pub spare: Vec<Box<Workspace>>,
-    /// Number of workspaces, those that objects hold included.
+    /// Number of workspaces, including those that objects hold.
     pub workspaces: usize,
     /// Number of objects that have the shape.
     pub objects: usize,

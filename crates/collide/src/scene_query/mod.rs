@@ -1,21 +1,21 @@
 //! One probe against many placed objects: a broad phase finds the objects that may be within reach, and each
 //! of those gets its [contact query](crate::ContactQuery).
 //!
-//! An object is within reach when its bounding sphere, and its box in its own axes, come within the tolerance
-//! of the probe's bounding sphere. How far it is from that is a distance that the probe and the object have
-//! to move together before it has to be looked at again. The probe's motion is added up once for all objects,
-//! and an object that is moved is due for a recheck earlier by as much. A run looks at the objects that are
-//! due only. They come first in a [heap](recheck_queue), so that the cost for the others is nothing while
-//! nothing moves, and grows with the logarithm of their number for each one that is moved.
+//! An object is within reach if its bounding sphere, and its box in its own axes, come within the tolerance
+//! of the probe's bounding sphere. The gap to that is the distance that the probe and the object have to move
+//! together before the object has to be tested again. The probe's motion is added up once for all objects,
+//! and an object that is moved is due for a recheck earlier by its motion. A run tests only objects that are
+//! due. They come first in a [heap](recheck_queue), so that the others cost nothing while nothing moves, and
+//! each object that is moved costs the logarithm of their number.
 //!
-//! Why no tree of boxes: it has to be descended in every run, to find what was there before, and refitted for
-//! every object that moves, where a heap gives the objects that may matter. Of 10,000 instances, with every
-//! tenth moving, a run takes less time in all than refitting and asking parry's tree (f64), and nothing
-//! measurable while nothing moves; only a probe that leaps across the scene makes all due at once, for 0.7 ms
-//! (`cargo bench -p palpate-benches --bench broad_phase`). `obvhs`, the broad phase of other crates here,
-//! holds its boxes in f32, which would have to be widened.
+//! A tree of boxes would have to be descended in every run, to find the same objects as before, and refitted
+//! for every object that moves. With 10,000 instances, of which every tenth moves, a run takes less time in
+//! all than refitting and querying parry's tree (f64), and no measurable time while nothing moves; only a
+//! probe that jumps across the scene makes all objects due at once, for 0.7 ms (`cargo bench -p
+//! palpate-benches --bench broad_phase`). `obvhs`, the broad phase of other crates here, has boxes in f32,
+//! which would have to be widened.
 //!
-//! Only objects within reach hold a workspace. Those that an object has left go to others of the same shape,
+//! Only objects within reach hold a workspace. An object that leaves returns it for others of the same shape,
 //! of which there may be thousands.
 
 mod bounds;
@@ -43,7 +43,8 @@ const CONTACTS: usize = 64;
 /// Number of pairs of nodes that a workspace has room for when it is made during a run.
 const PAIRS: usize = 256;
 
-/// An object of a [`SceneQuery`]. Handles are ordered as the objects' contacts are, and none is used again.
+/// Handle of an object of a [`SceneQuery`]. Handles are in the order of the objects' contacts, and are not
+/// reused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ObjectHandle {
     slot: u32,
@@ -51,8 +52,8 @@ pub struct ObjectHandle {
 }
 
 impl ObjectHandle {
-    /// The object's place among those of its query, in the order in which they were added. The next object
-    /// takes the place of one that was removed.
+    /// The object's place among those of its query, in the order in which they were added. The place of a
+    /// removed object goes to the next one.
     pub fn place(&self) -> usize {
         self.slot as usize
     }
@@ -63,7 +64,7 @@ impl ObjectHandle {
 pub struct ObjectContacts<'a> {
     /// The object.
     pub object: ObjectHandle,
-    /// Its contacts, as [`ContactQuery::contacts`] has them.
+    /// Contacts with it, as in [`ContactQuery::contacts`].
     pub contacts: &'a [PatchContact],
     /// Results and costs of its query.
     pub outcome: &'a QueryOutcome,
@@ -72,23 +73,21 @@ pub struct ObjectContacts<'a> {
 /// Results and costs of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SceneOutcome {
-    /// All queries together: sums, largest values (of the smallest distance the smallest), and flags that
-    /// were set in any.
+    /// All queries together: sums, largest values, the smallest distance, and flags that were set in any.
     pub query: QueryOutcome,
-    /// Number of objects that the broad phase looked at: those that were due for a recheck.
+    /// Number of objects that the broad phase tested: those that were due for a recheck.
     pub tested: usize,
     /// Number of objects within reach, each of which got a query.
     pub queried: usize,
-    /// Number of objects that got none because their pose is not [valid](Pose::is_valid). They are looked at
+    /// Number of objects without a query because their pose is not [valid](Pose::is_valid). They are tested
     /// again in every run.
     pub invalid: usize,
 }
 
 /// Contact queries of one probe with many objects.
 ///
-/// Adding objects and reserving workspaces allocates. A run allocates only while it exceeds what was there
-/// before: when more objects of a shape are within reach at once than ever, or a workspace has more to do
-/// than ever.
+/// Adding objects and reserving workspaces allocates. A run allocates only when more objects of a shape are
+/// within reach at once than ever before, or a workspace needs more memory than ever before.
 ///
 /// ```
 /// use palpate_collide::{QuerySettings, SceneQuery, Shape};
@@ -125,7 +124,7 @@ pub struct SceneOutcome {
 pub struct SceneQuery {
     probe: Shape,
     kinds: Vec<Kind>,
-    /// By slot.
+    /// Objects by slot.
     objects: Vec<Object>,
     /// Slots of objects that were removed.
     vacant: Vec<u32>,
@@ -134,11 +133,11 @@ pub struct SceneQuery {
     due: Vec<u32>,
     /// Slots of the objects that got a query in the last run.
     in_reach: Vec<u32>,
-    /// Slots of the objects that were within reach when they were last looked for without queries.
+    /// Slots of the objects that were within reach in the last call of [`find_near`](Self::find_near).
     near: Vec<u32>,
-    /// Where the centre of the probe's sphere was, m, and the tolerance, m.
+    /// Centre of the probe's sphere, m, and tolerance, m, of the last run.
     last: Option<(DVec3, f64)>,
-    /// Bound on how much closer an object at rest may have come, by the probe's motion, m.
+    /// Bound on the approach of objects at rest by the probe's motion, m.
     motion_bound: f64,
 }
 
@@ -149,12 +148,12 @@ struct Object {
     kind: u32,
     workspace: Option<Box<Workspace>>,
     generation: u32,
-    /// Whether it is in the scene.
+    /// Whether the object is in the scene.
     present: bool,
 }
 
 impl SceneQuery {
-    /// Queries of a probe with nothing yet.
+    /// Queries of a probe with an empty scene.
     pub fn new(probe: &Shape) -> Self {
         Self {
             probe: probe.clone(),
@@ -170,8 +169,8 @@ impl SceneQuery {
         }
     }
 
-    /// Adds an object at a pose (object frame to world). Objects of one shape, which may be at any number of
-    /// places, share it and their workspaces.
+    /// Adds an object at a pose (object frame to world). Objects of the same shape share it and their
+    /// workspaces.
     pub fn add(&mut self, shape: &Shape, pose: &Pose) -> ObjectHandle {
         let index = self.kind(shape);
         let kind = &mut self.kinds[index];
@@ -197,8 +196,8 @@ impl SceneQuery {
         ObjectHandle { slot, generation: self.objects[slot as usize].generation }
     }
 
-    /// Takes an object out; `false` if it is not there. Its workspace is kept for others of its shape; with
-    /// the last of these, the shape goes as well.
+    /// Removes an object; `false` if it does not exist. Its workspace is kept for others of its shape; with
+    /// the last of them, the shape is removed as well.
     pub fn remove(&mut self, object: ObjectHandle) -> bool {
         if self.find(object).is_none() {
             return false;
@@ -216,7 +215,7 @@ impl SceneQuery {
         true
     }
 
-    /// Forgets a shape that no object has; the last one takes its place.
+    /// Removes a shape that no object has; the last one takes its place.
     fn drop_kind(&mut self, kind: u32) {
         self.kinds.swap_remove(kind as usize);
         let moved = self.kinds.len() as u32;
@@ -225,7 +224,7 @@ impl SceneQuery {
         }
     }
 
-    /// Moves an object (object frame to world); `false` if it is not there. While its pose is not
+    /// Moves an object to a pose (object frame to world); `false` if it does not exist. While its pose is not
     /// [valid](Pose::is_valid), runs leave the object out and [count](SceneOutcome::invalid) it.
     pub fn set_pose(&mut self, object: ObjectHandle, pose: &Pose) -> bool {
         if self.find(object).is_none() {
@@ -241,12 +240,12 @@ impl SceneQuery {
         true
     }
 
-    /// Where an object is (object frame to world), if it is there.
+    /// Pose of an object (object frame to world), if it exists.
     pub fn pose(&self, object: ObjectHandle) -> Option<&Pose> {
         self.find(object).map(|found| &found.placed.pose)
     }
 
-    /// The shape of an object, if it is there.
+    /// Shape of an object, if it exists.
     pub fn shape(&self, object: ObjectHandle) -> Option<&Shape> {
         self.find(object).map(|found| &self.kinds[found.kind as usize].shape)
     }
@@ -261,8 +260,8 @@ impl SceneQuery {
         self.len() == 0
     }
 
-    /// Makes workspaces, as large as those of [`ContactQuery::new`], for as many objects of a shape within
-    /// reach at once.
+    /// Makes workspaces, as large as those of [`ContactQuery::new`], for a number of objects of a shape that
+    /// are within reach at once.
     pub fn reserve(&mut self, shape: &Shape, objects: usize) {
         let kind = self.kind(shape);
         let kind = &mut self.kinds[kind];
@@ -271,7 +270,7 @@ impl SceneQuery {
         }
     }
 
-    /// Forgets all that was found out: the next run looks at all objects, and starts every query from the
+    /// Discards the results of earlier runs: the next run tests all objects and starts every query from the
     /// roots.
     pub fn reset(&mut self) {
         self.last = None;
@@ -280,7 +279,7 @@ impl SceneQuery {
         }
     }
 
-    /// Bytes of memory held, besides the shapes.
+    /// Memory held, bytes, without the shapes.
     pub fn bytes(&self) -> usize {
         let held = self.objects.iter().filter_map(|object| object.workspace.as_ref());
         let lists = [&self.due, &self.in_reach, &self.near, &self.vacant].map(Vec::capacity);
@@ -293,7 +292,7 @@ impl SceneQuery {
 
     /// Finds the contacts of the probe at a pose (object frame to world) with all objects.
     ///
-    /// A budget is for all queries together: each gets an equal part of what those before it have left.
+    /// A budget is for all queries together: each gets an equal share of the rest that those before it left.
     ///
     /// # Errors
     /// If the probe's pose is not valid, or the tolerance or an error metric is out of bounds. There are no
@@ -325,9 +324,9 @@ impl SceneQuery {
         Ok(outcome)
     }
 
-    /// Finds the objects within reach of the probe at a pose (object frame to world), without any query: for
-    /// callers that find contacts by other means. There are [no contacts](Self::contacts) then. Returns how
-    /// many objects are left out because their pose is not valid.
+    /// Finds the objects within reach of the probe at a pose (object frame to world) without queries, for
+    /// callers that find contacts by other means. There are [no contacts](Self::contacts) then. Returns the
+    /// number of objects that are left out because their pose is not valid.
     ///
     /// # Errors
     /// As [`run`](Self::run).
@@ -342,13 +341,13 @@ impl SceneQuery {
         Ok(outcome.invalid)
     }
 
-    /// The objects that were within reach when [they were last looked for](Self::find_near), by handle.
+    /// The objects within reach in the last call of [`find_near`](Self::find_near), by handle.
     pub fn near(&self) -> impl Iterator<Item = ObjectHandle> {
         self.near.iter().map(|slot| self.handle(*slot))
     }
 
-    /// The objects that got a query in the last run, those without contacts included, with their contacts, by
-    /// handle.
+    /// The objects that got a query in the last run, including those without contacts, with their contacts,
+    /// by handle.
     pub fn contacts(&self) -> impl Iterator<Item = ObjectContacts<'_>> {
         self.in_reach.iter().filter_map(|slot| {
             let Workspace { query, outcome } = self.objects[*slot as usize].workspace.as_deref()?;
@@ -356,13 +355,13 @@ impl SceneQuery {
         })
     }
 
-    /// Lists the objects within reach, and notes when those that are not are due again.
+    /// Lists the objects within reach, and stores when the others are due again.
     fn find_in_reach(&mut self, probe_pose: &Pose, tolerance: f64, outcome: &mut SceneOutcome) {
         let Ball { center, radius } = self.probe.ball();
         let center = probe_pose.transform_point(center);
         let last = self.last.replace((center, tolerance));
         self.motion_bound += last.map_or(f64::INFINITY, |last| probe_motion(last, (center, tolerance)));
-        // Before the rounding of the sum matters.
+        // Restart the bound before the rounding of the sum matters.
         if self.motion_bound.is_nan() || self.motion_bound > SCENE_MOTION_LIMIT * radius {
             self.motion_bound = 0.0;
             self.queue.recheck_all();
@@ -391,7 +390,7 @@ impl SceneQuery {
         self.in_reach.sort_unstable();
     }
 
-    /// Sees to it that all objects within reach have a workspace.
+    /// Gives all objects within reach a workspace.
     fn hand_out(&mut self, outcome: &mut SceneOutcome) {
         let Self { objects, kinds, probe, in_reach, .. } = self;
         for slot in in_reach {
@@ -411,7 +410,7 @@ impl SceneQuery {
         }
     }
 
-    /// Takes an object's workspace back.
+    /// Returns an object's workspace to the spare ones.
     fn give_back(&mut self, slot: u32) {
         let Object { kind, workspace, .. } = &mut self.objects[slot as usize];
         self.kinds[*kind as usize].spare.extend(workspace.take());

@@ -1,14 +1,16 @@
-//! Which objects are due for a recheck first: a binary heap whose entries can be moved and taken out.
+//! The queue of objects by when they are due for a recheck: a binary heap whose entries can be changed and
+//! removed.
 
+/// Place of an object that is not in the heap.
 const NONE: u32 = u32::MAX;
 
-/// Objects by number, each with the motion bound at which it is due for a recheck, m. Nothing allocates but
-/// [`reserve`](Self::reserve).
+/// Objects by number, each with the motion bound at which it is due for a recheck, m. Only
+/// [`reserve`](Self::reserve) allocates.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RecheckQueue {
-    /// The children of entry i are 2 i + 1 and 2 i + 2, and due no earlier.
+    /// Invariant: the children 2 i + 1 and 2 i + 2 of entry i are due no earlier than it.
     heap: Vec<(f64, u32)>,
-    /// Per object: its place in the heap, or [`NONE`].
+    /// For each object, its place in the heap, or [`NONE`].
     places: Vec<u32>,
 }
 
@@ -25,12 +27,12 @@ impl RecheckQueue {
         self.heap.capacity() * size_of::<(f64, u32)>() + self.places.capacity() * size_of::<u32>()
     }
 
-    /// When an object is due; infinite if it is not there.
+    /// Motion bound at which an object is due, m; infinite if it is not in the queue.
     pub fn recheck_at(&self, object: u32) -> f64 {
         self.heap.get(self.places[object as usize] as usize).map_or(f64::INFINITY, |entry| entry.0)
     }
 
-    /// Puts an object in, or changes when it is due.
+    /// Inserts an object, or changes when it is due.
     pub fn set(&mut self, object: u32, recheck_at: f64) {
         let place = self.places[object as usize];
         if place == NONE {
@@ -42,7 +44,7 @@ impl RecheckQueue {
         }
     }
 
-    /// Takes an object out.
+    /// Removes an object.
     pub fn remove(&mut self, object: u32) {
         let place = std::mem::replace(&mut self.places[object as usize], NONE) as usize;
         if place < self.heap.len() {

@@ -71,7 +71,8 @@ fn box_mesh(half: DVec3) -> TriMesh {
     TriMesh::new((0..8).map(corner).collect(), triangles).unwrap()
 }
 
-/// A closed profile (radius, height) turned about z, counterclockwise seen with z up and the radius to the right.
+/// A closed profile (radius, height) turned about z, counterclockwise seen with z up and the radius to the
+/// right.
 fn turned(profile: &[(f64, f64)], around: u32) -> TriMesh {
     let count = profile.len() as u32;
     let at = |i: u32, j: u32| (i % around) * count + j % count;
@@ -249,8 +250,8 @@ fn separated_convex_bodies_have_one_contact() {
     }
 }
 
-/// Pairs of triangles that no pair of triangles at their nearest points undercuts, and that face each other there: the
-/// points, and the distance.
+/// Pairs of triangles that no pair of triangles at their nearest points undercuts, and that face each other
+/// there: the points, and the distance.
 fn local_minima(
     [a, b]: [&Body; 2],
     [ta, tb]: [&[Triangle]; 2],
@@ -311,9 +312,9 @@ impl Partition {
     }
 }
 
-/// Regions by their definition: pairs of intersecting triangles that share vertices on both sides, and vertices inside,
-/// joined along edges up to the first triangle that they pass through. Per region: the largest distance of its vertices
-/// (0 without any), and its pairs.
+/// Regions by their definition: pairs of intersecting triangles that share vertices on both sides, and
+/// vertices inside, joined along edges up to the first triangle that they pass through. Per region: the
+/// largest distance of its vertices (0 without any), and its pairs.
 fn regions(
     bodies: [&Body; 2],
     placed: [&[Triangle]; 2],

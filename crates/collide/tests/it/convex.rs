@@ -1,5 +1,5 @@
-//! The convex queries against plain enumeration: distances by every pair of hull faces' features, depths by every
-//! direction that could separate two hulls.
+//! The convex queries against plain enumeration: distances by every pair of hull faces' features, depths by
+//! every direction that could separate two hulls.
 
 use crate::solids::{pose, vector};
 use palpate_collide::convex::{Hull, Limits, Placement, Polytope, Separation, Start, gjk};
@@ -9,7 +9,8 @@ use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const SEED: u64 = 0x00C0_FFEE;
 
-/// A random hull of few points, often degenerate, with the triangles of all its triples: a superset of its faces.
+/// A random hull of few points, often degenerate, with the triangles of all its triples: a superset of its
+/// faces.
 fn random_hull(rng: &mut StdRng) -> Vec<DVec3> {
     let count = rng.random_range(1..9);
     let squash = match rng.random_range(0..6) {
@@ -42,8 +43,8 @@ fn triples(points: &[DVec3]) -> Vec<crate::oracle::Triangle> {
     out
 }
 
-/// Distance of two hulls that do not overlap: the least over all triangles of hull vertices, which lie in the hulls and
-/// include their faces.
+/// Distance of two hulls that do not overlap: the least over all triangles of hull vertices, which lie in the
+/// hulls and include their faces.
 fn plain_distance(a: &[DVec3], b: &[DVec3]) -> f64 {
     let (a, b) = (triples(a), triples(b));
     let mut best = f64::INFINITY;
@@ -62,8 +63,8 @@ fn extent(a: &[DVec3], b: &[DVec3], n: DVec3) -> f64 {
     top - bottom
 }
 
-/// Depth of two overlapping hulls: the least extent of a − b over all face normals and edge pairs. Positive means
-/// overlap.
+/// Depth of two overlapping hulls: the least extent of a − b over all face normals and edge pairs. Positive
+/// means overlap.
 fn plain_depth(a: &[DVec3], b: &[DVec3]) -> f64 {
     let mut best = f64::INFINITY;
     let mut offer = |n: DVec3| {
@@ -124,8 +125,8 @@ fn distance_agrees_with_all_features() {
     assert!(worst < 1e-10, "{worst}");
 }
 
-/// Too many pairs for enumeration: the bounds themselves prove the distance, since the lower one is a separating axis and
-/// the upper one a pair of points.
+/// Too many pairs for enumeration: the bounds themselves prove the distance, since the lower one is a
+/// separating axis and the upper one a pair of points.
 #[test]
 fn bounds_meet_on_hundreds_of_thousands_of_pairs() {
     let mut rng = StdRng::seed_from_u64(SEED + 1);

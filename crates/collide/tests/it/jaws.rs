@@ -1,4 +1,5 @@
-//! The scenarios of the two jaws, and of the spoon in the cup, along their paths, against every pair of triangles.
+//! The scenarios of the two jaws, and of the spoon in the cup, along their paths, against every pair of
+//! triangles.
 #![expect(clippy::print_stdout, reason = "tests say what they skip and measure")]
 
 use std::collections::{HashMap, HashSet};
@@ -120,7 +121,8 @@ fn run([probe, scene]: &[Body; 2], poses: &[Pose]) {
         for pair in &meeting {
             assert_eq!(found.get(pair), Some(&0.0), "patches {pair:?} intersect");
         }
-        // Where hulls overlap and the triangles do not meet, the solids overlap: there, no distance is reported.
+        // Where hulls overlap and the triangles do not meet, the solids overlap: there, no distance is
+        // reported.
         for (pair, distance) in found.iter().filter(|(_, d)| **d > 0.0) {
             let plain = exact.get(pair).copied().unwrap_or(f64::INFINITY);
             assert!((plain - distance).abs() <= 1e-9 * radius, "{pair:?}: {plain} {distance}");
@@ -153,8 +155,8 @@ fn is_inside(point: DVec3, triangles: &[crate::oracle::Triangle]) -> bool {
     triangles.iter().map(angle).sum::<f64>() > std::f64::consts::TAU
 }
 
-/// Regions of intersection of the jaws: no vertex near them, of either jaw, is deeper than the deepest region, and one is
-/// as deep unless that is the depth of two patches.
+/// Regions of intersection of the jaws: no vertex near them, of either jaw, is deeper than the deepest
+/// region, and one is as deep unless that is the depth of two patches.
 #[test]
 fn jaws_are_as_deep_as_their_vertices() {
     let Some(shared) = shared() else { return };

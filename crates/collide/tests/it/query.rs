@@ -15,8 +15,8 @@ use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const SEED: u64 = 0x0B5E_55ED;
 
-/// Whether no neighbouring triangle on either side undercuts the pair, and (on solids) some triangle at each of the
-/// points faces the other.
+/// Whether no neighbouring triangle on either side undercuts the pair, and (on solids) some triangle at each
+/// of the points faces the other.
 fn is_local_minimum(
     a: &Body,
     b: &Body,
@@ -254,8 +254,8 @@ fn aligned_boxes() {
     }
 }
 
-/// A plate whose rim is one patch: its hull is the plate, with the two large faces virtual. What is pressed into the
-/// plate touches that hull far from any of its triangles.
+/// A plate whose rim is one patch: its hull is the plate, with the two large faces virtual. What is pressed
+/// into the plate touches that hull far from any of its triangles.
 #[test]
 fn pressing_past_virtual_faces_is_no_deeper_than_the_press() {
     let plate = box_mesh(DVec3::new(1.0, 1.0, 0.1));
@@ -282,7 +282,8 @@ fn pressing_past_virtual_faces_is_no_deeper_than_the_press() {
     }
 }
 
-/// Faces in one plane, in frames where rounding leaves them a little apart or a little in: a tolerance of 0 finds them.
+/// Faces in one plane, in frames where rounding leaves them a little apart or a little in: a tolerance of 0
+/// finds them.
 #[test]
 fn faces_in_one_plane_touch_at_zero_tolerance() {
     let mut rng = StdRng::seed_from_u64(SEED + 3);
@@ -299,7 +300,8 @@ fn faces_in_one_plane_touch_at_zero_tolerance() {
     }
 }
 
-/// Two triangles crossing like an X, at every angle and offset: always a contact, and a depth no larger than they are.
+/// Two triangles crossing like an X, at every angle and offset: always a contact, and a depth no larger than
+/// they are.
 #[test]
 fn crossing_triangles_always_touch() {
     let mut rng = StdRng::seed_from_u64(SEED + 1);
@@ -385,7 +387,8 @@ fn swapping_the_bodies_swaps_the_contacts() {
     }
 }
 
-/// Lengths scale, and with them all that is found, at full resolution and at coarser levels: no contact comes or goes.
+/// Lengths scale, and with them all that is found, at full resolution and at coarser levels: no contact comes
+/// or goes.
 #[test]
 fn the_unit_of_length_does_not_matter() {
     let seed = SEED + 3;
@@ -450,8 +453,8 @@ fn the_unit_of_length_does_not_matter() {
     }
 }
 
-/// Queries know the tolerance that patches were built with: where it is larger, more pairs are decided triangle by triangle,
-/// whichever of the two shapes has it.
+/// Queries know the tolerance that patches were built with: where it is larger, more pairs are decided
+/// triangle by triangle, whichever of the two shapes has it.
 #[test]
 fn the_larger_tolerance_of_both_shapes_counts() {
     let mesh = bumpy();
@@ -508,8 +511,8 @@ fn buffers_grow_and_bad_input_is_refused() {
     assert_eq!(query.run(&near, &origin, &open).unwrap().contacts, grown.contacts);
 }
 
-/// Two hollow balls of which a quarter of all pairs of triangles are within a radius: the shallowest contacts are dropped, and
-/// memory is bounded. Within half of that all contacts are kept.
+/// Two hollow balls of which a quarter of all pairs of triangles are within a radius: the shallowest contacts
+/// are dropped, and memory is bounded. Within half of that all contacts are kept.
 #[test]
 fn a_growing_workspace_stops_at_its_bounds() {
     let mesh = star(4, |_| 1.0);

@@ -285,7 +285,8 @@ fn a_warm_scene_does_not_allocate() {
     assert!(warm > 1000, "{warm}");
 }
 
-/// Four objects with a budget for all take no more than one with the same budget, but for what cannot be left out.
+/// Four objects with a budget for all take no more than one with the same budget, but for what cannot be left
+/// out.
 #[test]
 fn a_budget_is_shared() {
     let mesh = star(4, |v| 1.0 + 0.05 * (7.0 * v.x).sin() * (6.0 * v.y + 1.0).sin());

@@ -1,5 +1,5 @@
-//! Plain answers to hold the query against: every pair of triangles, by the textbook formulas for points, segments and
-//! triangles (Ericson 2005, chapter 5), and by none of the crate's own code.
+//! Plain answers to hold the query against: every pair of triangles, by the textbook formulas for points,
+//! segments and triangles (Ericson 2005, chapter 5), and by none of the crate's own code.
 #![allow(dead_code)]
 
 use palpate_core::glam::DVec3;
@@ -126,8 +126,8 @@ fn sphere(t: Triangle) -> (DVec3, f64) {
     (center, t.iter().map(|c| c.distance(center)).fold(0.0, f64::max))
 }
 
-/// All pairs of triangles within a distance: indices and distance (0 where they intersect). Sorted along x, so that pairs
-/// that are further apart than that along x alone are skipped.
+/// All pairs of triangles within a distance: indices and distance (0 where they intersect). Sorted along x,
+/// so that pairs that are further apart than that along x alone are skipped.
 pub fn pairs_within(a: &[Triangle], b: &[Triangle], tolerance: f64) -> Vec<(usize, usize, f64)> {
     let mut found = Vec::new();
     let mut spheres: Vec<_> = b.iter().map(|t| sphere(*t)).enumerate().collect();

@@ -1,5 +1,5 @@
-//! Procedural meshes, and hierarchies over them that owe nothing to the builder: patches as given, and above them free
-//! levels by pairing neighbours along a median split. Hulls are kept as all their vertices.
+//! Procedural meshes, and hierarchies over them that owe nothing to the builder: patches as given, and above
+//! them free levels by pairing neighbours along a median split. Hulls are kept as all their vertices.
 #![allow(dead_code)]
 
 use std::collections::HashSet;
