@@ -636,7 +636,7 @@ fn a_summary_lists_the_stages_and_their_reasons() {
         ("integrator", "semi-implicit"),
         ("textures", "off: "),
         ("friction", "off: "),
-        ("engaging", "10 times: the wrench was coming up"),
+        ("engaging", "10 times: the wrench was ramped up"),
         ("touch", "nothing was touched"),
         ("deepest penetration", "0: nothing was touched"),
     ] {
