@@ -29,8 +29,8 @@ const MIN_INTERVAL: f64 = 1e-6;
 const INTERVAL_WEIGHT: f64 = 0.25;
 
 /// Largest natural frequency of a contact with a dynamic body, times the delay T: k ≤ m (MAX_FREQUENCY / T)²
-/// for an effective mass m. A spring with a delay T needs damping of at least k T; contacts with a larger
-/// stiffness oscillate.
+/// for an effective mass m. A spring with a delay T needs damping of at least k T; much stiffer contacts
+/// would oscillate.
 const MAX_FREQUENCY: f64 = 0.25;
 /// Largest damping of a contact with a dynamic body, times T / m: b ≤ m MAX_DAMPING / T. Damping with a delay
 /// T is stable below π/2 m / T.

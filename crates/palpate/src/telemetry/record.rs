@@ -111,37 +111,14 @@ impl Record {
 }
 
 /// Column names of a recording, in order.
+#[rustfmt::skip]
 pub const COLUMNS: [&str; 30] = [
     "t",
-    "device_px",
-    "device_py",
-    "device_pz",
-    "device_qx",
-    "device_qy",
-    "device_qz",
-    "device_qw",
-    "object_px",
-    "object_py",
-    "object_pz",
-    "object_qx",
-    "object_qy",
-    "object_qz",
-    "object_qw",
-    "coupling_fx",
-    "coupling_fy",
-    "coupling_fz",
-    "coupling_tx",
-    "coupling_ty",
-    "coupling_tz",
-    "contact_fx",
-    "contact_fy",
-    "contact_fz",
-    "contact_tx",
-    "contact_ty",
-    "contact_tz",
-    "depth",
-    "contacts",
-    "model_age",
+    "device_px", "device_py", "device_pz", "device_qx", "device_qy", "device_qz", "device_qw",
+    "object_px", "object_py", "object_pz", "object_qx", "object_qy", "object_qz", "object_qw",
+    "coupling_fx", "coupling_fy", "coupling_fz", "coupling_tx", "coupling_ty", "coupling_tz",
+    "contact_fx", "contact_fy", "contact_fz", "contact_tx", "contact_ty", "contact_tz",
+    "depth", "contacts", "model_age",
 ];
 
 impl Recorded for Record {
