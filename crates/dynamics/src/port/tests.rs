@@ -310,7 +310,7 @@ fn a_lever_takes_of_the_rotation_and_then_of_the_translation() {
     // √(b/b_θ) = 31.6/m adds a tenth of the lever's own share to ℓ² at 0.1 m.
     assert!((at(0.1).0 - 0.075 / (0.01 + 0.1 / 1000_f64.sqrt())).abs() < 1e-9, "{}", at(0.1).0);
 
-    // Where no torque reaches the hand, no lever limits it; where no force does, the rotation has all of its
+    // If no torque reaches the hand, no lever limits it; if no force does, the rotation has all of its
     // own.
     let mut one_sided = limits(sampling(1e-3, 0.0)).with_lever(0.1);
     one_sided.rotation.peak = 0.0;

@@ -25,8 +25,8 @@ use rtrb::Consumer;
 
 use self::body_contacts::BodyContacts;
 use self::gripper::Gripper;
-use self::invariants::Invariants;
-use self::output::{Moment, Output};
+use self::invariants::{Invariants, Moment};
+use self::output::Output;
 use self::presence::Presence;
 use self::reactions::{ReactionFeed, Reactions};
 use self::tracking::{Reading, Tracking};
