@@ -565,7 +565,7 @@ fn shells_keep_the_depth_of_their_patches() {
 }
 
 #[test]
-fn what_is_not_valid_is_refused() {
+fn invalid_input_is_refused() {
     let mesh = bumpy();
     let body = shape(&mesh, &singles(&mesh), Kind::Contained);
     let mut query = ContactQuery::new(&body, &body);

@@ -190,7 +190,7 @@ fn removed_objects_are_not_touched() {
 }
 
 #[test]
-fn what_is_not_valid_is_refused_and_said() {
+fn invalid_objects_are_counted_and_invalid_queries_refused() {
     let shape = bumpy();
     let mut scene = SceneQuery::new(&shape);
     let settings = QuerySettings::new(TOLERANCE);

@@ -168,7 +168,7 @@ fn with_a_delay_the_bound_is_above_the_general_condition_and_near_it() {
 }
 
 #[test]
-fn what_was_enough_without_a_delay_is_not_with_one() {
+fn a_delay_needs_more_damping() {
     let at = |delay| needed(400.0, 5.0, 10e-3, &sampling(1e-3, delay));
     let none = PortAxes::needed_viscous(400.0, 5.0, 10e-3, &sampling(1e-3, 0.0));
     assert!(at(0.0) <= none * (1.0 + 1e-9));
@@ -361,7 +361,7 @@ fn the_makers_figures_alone_are_enough_with_a_delay() {
 }
 
 #[test]
-fn what_is_not_known_or_not_rendered_falls_back() {
+fn unknown_and_unrendered_limits_use_defaults() {
     let at = |period| sampling(period, 0.0);
     let known = limits(at(1e-3));
     assert_eq!(known.translation.largest_stiffness(&at(1e-3)), 400.0);
