@@ -344,7 +344,7 @@ fn a_surface_that_gives_energy_is_let_go_of() {
     }
     let events = rig.haptic.telemetry().events;
     assert!(events.energy_created > 0, "{most_given} J were given");
-    let kept = rig.haptic.invariants().kept(Invariant::Energy);
+    let kept = rig.haptic.invariants().record(Invariant::Energy);
     assert!(kept.broken == 0 && most_given > bound, "{kept:?} of {bound} J, {most_given} J given in all");
 }
 
@@ -398,7 +398,7 @@ fn a_host_that_tells_of_hours_warms_nothing() {
         let state = rig.moving(DVec3::ZERO, DVec3::ZERO, PERIOD);
         rig.step_by(state, PERIOD, dt);
     }
-    let warm = rig.haptic.invariants().kept(Invariant::Heat).worst;
+    let warm = rig.haptic.invariants().record(Invariant::Heat).worst;
     assert!(warm < 0.5, "{warm} of what is kept up");
     let after = rig.rest(400, DVec3::ZERO).coupling.force.z;
     assert!((after - before).abs() < 1e-3, "{after} N of {before} N");
