@@ -103,7 +103,7 @@ fn main() {
     let mut group = criterion.benchmark_group("convex_pairs");
     for size in SIZES {
         let points = ellipsoid(size);
-        let map = (size >= SupportMap::WORTHWHILE).then(|| SupportMap::new(&points));
+        let map = (size >= SupportMap::MIN_POINTS).then(|| SupportMap::new(&points));
         let hull = || Hull::with_map(&points, map.as_ref());
         for (name, gap) in [("separated", 1e-3), ("touching", 0.0), ("penetrating", -2e-4)] {
             let mut pair = Pair::new(hull(), hull(), gap);

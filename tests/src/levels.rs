@@ -502,7 +502,7 @@ struct Target<'a> {
 
 impl<'a> Target<'a> {
     fn new(points: &'a [DVec3]) -> Self {
-        let map = (points.len() >= SupportMap::WORTHWHILE).then(|| SupportMap::new(points));
+        let map = (points.len() >= SupportMap::MIN_POINTS).then(|| SupportMap::new(points));
         let size = points.iter().map(|p| p.distance(points[0])).fold(0.0, f64::max);
         Self { points, map, size }
     }

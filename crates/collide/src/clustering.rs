@@ -13,8 +13,8 @@
 //!   more than a right angle apart. Otherwise a tiny share of a deep contact would push like all of it, and
 //!   normals that cancel leave no direction.
 //! - The seeds are kept in the probe's frame and make one step of Lloyd's method in each call, after the
-//!   representatives are known: a fraction ([`STEP`]) of the displacement to the mean of their contacts, less
-//!   if these have little weight ([`INERTIA`]). So the iteration continues from call to call.
+//!   representatives are known: a fraction ([`SEED_STEP`]) of the displacement to the mean of their contacts,
+//!   less if these have little weight ([`INERTIA`]). So the iteration continues from call to call.
 //! - A seed whose contacts have no weight is dropped, which changes nothing. If there are fewer seeds than
 //!   min(K, n), some are added at contacts that cost most in Eq. 5.32, and gain influence over many calls
 //!   ([`GROWTH`]).
@@ -49,10 +49,10 @@ const BLUR: f64 = 2.0;
 
 /// Largest fraction of the displacement to the mean of its contacts that a seed moves by in one call. Larger:
 /// seeds settle sooner, and the force changes faster while contacts rest.
-const STEP: f64 = 0.125;
+const SEED_STEP: f64 = 0.125;
 
-/// Weight of its contacts, in tolerances d, for which a seed moves by half of the [`STEP`]. Smaller: seeds
-/// with hardly any contact jump.
+/// Weight of its contacts, in tolerances d, for which a seed moves by half of the [`SEED_STEP`]. Smaller:
+/// seeds with hardly any contact jump.
 const INERTIA: f64 = 1.0;
 
 /// Fraction of its influence that an added seed gains per call; more if its penalty is small against those
@@ -281,7 +281,7 @@ impl Clustering {
             }
         }
         for sums in &mut self.sums {
-            let part = STEP * sums.weight / (sums.weight + INERTIA * tolerance);
+            let part = SEED_STEP * sums.weight / (sums.weight + INERTIA * tolerance);
             sums.seed += part * (sums.mean() - sums.seed);
         }
         if self.grown < self.sums.len() {

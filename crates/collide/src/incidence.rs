@@ -1,7 +1,7 @@
 //! The triangles at each vertex of a mesh.
 
-/// Lists the triangles at each vertex. Returns the start of each vertex's range, with one more at the end, and the
-/// triangles of all ranges.
+/// Lists the triangles at each vertex. Returns the start of each vertex's range, with one more at the end,
+/// and the triangles of all ranges.
 pub(crate) fn triangles_at_vertices(
     vertices: usize,
     triangles: impl Iterator<Item = [u32; 3]> + Clone,

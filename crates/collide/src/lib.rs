@@ -20,12 +20,12 @@
 //! Each module imports from floors below its own only, and the modules of one floor are independent:
 //!
 //! 1. `tolerances`, `error`, `ball`, `disjoint_sets`, `incidence`, `contact`, `detail`: numbers and plain
-//!   data
+//!    data
 //! 2. `convex`: distance and penetration of two hulls
 //! 3. `motion`, `patch`, `patchwork`: bounds on the bodies' motion, real surface of hulls, whole surfaces
 //! 4. `shape`: a hierarchy prepared for queries
 //! 5. `query`, `contact_set`, `clustering`, `events`: queries of pairs of shapes, and processing of their
-//!   contacts
+//!    contacts
 //! 6. `scene_query`: many objects
 //!
 //! # Frames and signs

@@ -101,7 +101,7 @@ pub(crate) enum Incidence {
 
 impl Incidence {
     /// Smallest number of triangles for which looking them up by vertex is faster than testing all.
-    pub const WORTHWHILE: usize = 24;
+    pub const MIN_TRIANGLES: usize = 24;
 
     pub fn new(vertices: usize, triangles: Triangles) -> Self {
         let (starts, at) = triangles_at_vertices(vertices, triangles.iter());

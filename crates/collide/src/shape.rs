@@ -267,7 +267,7 @@ impl Search {
     /// Makes the search structures of a node. Hulls and patches too small to gain from them have none.
     fn of(clod: &Clod, node: &Node, supports: &mut Vec<SupportMap>, incidences: &mut Vec<Incidence>) -> Self {
         let mut support_of = |points: Points| {
-            if points.len() < SupportMap::WORTHWHILE {
+            if points.len() < SupportMap::MIN_POINTS {
                 return NONE;
             }
             supports.push(SupportMap::new(&points.to_vec()));
@@ -276,7 +276,7 @@ impl Search {
         let support = support_of(clod.bounding_hull(node));
         let has_own = node.added > 0 && !node.triangles.is_empty();
         let patch_support = if has_own { support_of(clod.extreme(node)) } else { support };
-        let incidence = if node.triangles.len() >= Incidence::WORTHWHILE {
+        let incidence = if node.triangles.len() >= Incidence::MIN_TRIANGLES {
             incidences.push(Incidence::new(node.vertices.len(), clod.patch(node)));
             incidences.len() as u32 - 1
         } else {

@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn what_goes_in_by_moving_may_come_out_by_turning() {
+    fn energy_put_in_by_moving_may_come_out_by_turning() {
         let mut controller = PassivityController::new((5.0, 0.1), (0.0, 0.0));
         controller.hold(&Wrench::new(DVec3::X * -1.0, DVec3::Z));
         controller.observe(&along(1e-2), 1e-2);

@@ -31,8 +31,8 @@ fn difference(one: (DVec3, DVec3), other: (DVec3, DVec3)) -> f64 {
     one.0.distance(other.0).max(one.1.distance(other.1))
 }
 
-/// A clustering with some history of random contacts, and those to come; at random places or, so that many
-/// are as near to one seed as to another, on a grid.
+/// A clustering with a history of random contacts, and the next contacts; at random places or on a grid, so
+/// that many are equally near to two seeds.
 fn history(rng: &mut StdRng) -> (Clustering, Vec<PatchContact>) {
     let mut clustering = Clustering::new(rng.random_range(1..=16));
     let grid = rng.random_range(0..2) == 0;
@@ -99,7 +99,7 @@ fn representatives_of_separate_bunches_are_as_printed() {
 
 #[test]
 fn force_and_torque_are_continuous() {
-    // Seen is a change of up to 26 EPSILON D; it may be more where contacts that are shared hardly push.
+    // The largest observed change is 26 EPSILON D; it may be more if shared contacts hardly push.
     const EPSILON: f64 = 1e-9;
     const BOUND: f64 = 1e3;
     let mut largest: f64 = 0.0;
@@ -114,7 +114,8 @@ fn force_and_torque_are_continuous() {
             found.contact.depth += EPSILON * D * rng.random_range(-1.0..1.0);
             found.weight = (found.weight + EPSILON * rng.random_range(-1.0..1.0)).clamp(0.0, 1.0);
         }
-        // One more whose penalty, and one more whose weight, is hardly any: contacts on their way in or out.
+        // One more contact with a tiny penalty, and one more with a tiny weight, as when contacts appear or
+        // vanish.
         changed.push(contact(vector(&mut rng), EPSILON * D - D, vector(&mut rng).normalize()));
         let weight = EPSILON;
         changed.push(PatchContact { weight, ..contact(vector(&mut rng), D, vector(&mut rng).normalize()) });
@@ -150,8 +151,8 @@ fn carried_seeds_are_continuous() {
 
 #[test]
 fn force_follows_contacts_that_move() {
-    // Contacts wander, come and go. The force changes by their motion and by what seeds gain in influence:
-    // seen is a change of up to 0.27 D per step, and of 4 D where each contact belongs to one cluster as
+    // Contacts move, appear and vanish. The force changes by their motion and by the influence that seeds
+    // gain: the largest observed change is 0.27 D per step, and 4 D if each contact belongs to one cluster as
     // printed.
     const STEPS: usize = 20_000;
     for seed in SEED..SEED + 20 {
@@ -220,7 +221,7 @@ fn covariant() {
 fn few_contacts_are_their_own_clusters() {
     let mut rng = StdRng::seed_from_u64(SEED + 1);
     assert!(Clustering::new(5).run(&[], D, &Pose::IDENTITY).is_empty());
-    // All at once, and one after the other.
+    // All at once, and one after another.
     let mut late = Clustering::new(5);
     for count in 1..=5 {
         let contacts: Vec<PatchContact> = (0..count)
@@ -286,7 +287,7 @@ fn weightless_and_opposed_contacts_stay_finite() {
         let mut clustering = Clustering::new(2);
         for _ in 0..100 {
             let found = clustering.run(&contacts, tolerance, &Pose::IDENTITY);
-            // Those without weight count nothing, and the others' sum is all but nothing.
+            // Contacts without weight do not count, and the others nearly cancel.
             assert!(found.iter().all(|c| c.contact.point.distance(far) < 0.03));
             assert!(
                 found.iter().all(|c| c.contact.scene_point.is_finite() && c.contact.normal.is_normalized())

@@ -40,7 +40,7 @@ pub(crate) struct Measures {
     /// Largest difference of equal depths, m.
     pub same: f64,
     /// Largest number of vertices whose distance may be measured.
-    pub most_vertices: usize,
+    pub max_vertices: usize,
     /// Whether to find local maxima besides the deepest.
     pub maxima: bool,
 }
@@ -109,7 +109,7 @@ impl InsideVertices {
         let (ball, surface) = (side.other.ball(), side.other.patchwork());
         let mut found = None;
         if in_other.distance(ball.center) <= ball.radius {
-            if self.measured == measures.most_vertices {
+            if self.measured == measures.max_vertices {
                 self.truncated = true;
                 return None;
             }

@@ -250,7 +250,7 @@ impl ContactSet {
         let maxima = settings.spacing < f64::INFINITY;
         let radii = sides.iter().map(|side| side.own.clod().bounding_radius()).sum::<f64>();
         let same = SAME_POINT * radii + precision;
-        let measures = Measures { precision, same, most_vertices: settings.most_vertices, maxima };
+        let measures = Measures { precision, same, max_vertices: settings.max_vertices, maxima };
         self.deep.clear();
         self.deep.extend_from_slice(self.regions.run(contacts, sides, &measures));
         self.outcome.regions = self.regions.len();

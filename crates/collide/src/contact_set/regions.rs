@@ -3,7 +3,7 @@
 //! Pairs of penetrating patches belong to one region when their patches are equal or neighbours on both
 //! sides. The depth of one pair is only a lower bound on how deep the objects are in one another, so it is
 //! measured over again: by the signed distance of either surface's vertices from the other surface. Vertices
-//! are looked at from the crossing triangles on, along the mesh as long as they are inside. They join regions
+//! are tested from the crossing triangles on, along the mesh as long as they are inside. They join regions
 //! that the surface inside connects:
 //!
 //! - along an edge that lies inside as a whole: its triangle's patch penetrates nothing, or the balls around

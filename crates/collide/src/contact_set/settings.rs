@@ -18,13 +18,13 @@ pub struct ContactSetSettings {
     pub spacing: f64,
     /// Largest number of vertices whose distance from the other surface is measured. With more, depths are
     /// lower bounds, and [`ContactSetOutcome::truncated`] is set.
-    pub most_vertices: usize,
+    pub max_vertices: usize,
 }
 
 impl ContactSetSettings {
     /// Settings with a distance (m) within which separated contacts are merged, and defaults for the rest.
     pub fn new(merge: f64) -> Self {
-        Self { merge, spacing: f64::INFINITY, most_vertices: MAX_VERTICES }
+        Self { merge, spacing: f64::INFINITY, max_vertices: MAX_VERTICES }
     }
 }
 
@@ -45,7 +45,7 @@ pub struct ContactSetOutcome {
     pub measured: usize,
     /// Number of vertices inside the other object.
     pub inside: usize,
-    /// Whether there were more vertices to measure than [`ContactSetSettings::most_vertices`].
+    /// Whether there were more vertices to measure than [`ContactSetSettings::max_vertices`].
     pub truncated: bool,
     /// Whether a buffer grew: the run needed more memory than any before.
     pub reallocated: bool,

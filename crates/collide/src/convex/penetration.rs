@@ -142,14 +142,7 @@ impl Polytope {
         if !self.start_from(a, b, placement, start)
             && let Err(flat_normal) = self.first_tetrahedron(a, b, placement, precision)
         {
-            let forward = support(a, b, placement, flat_normal);
-            let backward = support(a, b, placement, -flat_normal);
-            let (vertex, normal) =
-                if forward.difference.dot(flat_normal) <= -backward.difference.dot(flat_normal) {
-                    (forward, flat_normal)
-                } else {
-                    (backward, -flat_normal)
-                };
+            let (vertex, normal) = smaller_extent(a, b, placement, flat_normal);
             self.vertices.clear();
             self.vertices.push(vertex);
             let extent = vertex.difference.dot(normal);
@@ -475,6 +468,17 @@ struct Candidate {
     gap: f64,
     converged: bool,
     flat: bool,
+}
+
+/// Of a direction and its opposite, the one along which a − b extends less, with the support point.
+fn smaller_extent(a: &Hull, b: &Hull, placement: &Placement, direction: DVec3) -> (Vertex, DVec3) {
+    let forward = support(a, b, placement, direction);
+    let backward = support(a, b, placement, -direction);
+    if forward.difference.dot(direction) <= -backward.difference.dot(direction) {
+        (forward, direction)
+    } else {
+        (backward, -direction)
+    }
 }
 
 /// The two support points along one of the axes that are furthest apart.

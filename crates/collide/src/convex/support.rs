@@ -232,7 +232,7 @@ const DIGITS: u32 = 30;
 
 impl SupportMap {
     /// Smallest number of points for which a map is faster than a scan.
-    pub const WORTHWHILE: usize = 28;
+    pub const MIN_POINTS: usize = 28;
 
     /// Makes a map of a hull's points, at least one.
     pub fn new(points: &[DVec3]) -> Self {

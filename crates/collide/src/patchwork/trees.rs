@@ -10,7 +10,7 @@ use super::neighbours::Neighbours;
 use crate::tolerances::ROUNDING_SLACK;
 
 /// Largest number of triangles of a box that is not split.
-const BUNCH: usize = 6;
+const MAX_BUNCH: usize = 6;
 /// Root of a level or node without a tree, because it is free.
 pub(super) const NO_TREE: u32 = u32::MAX;
 
@@ -86,7 +86,7 @@ impl Patchwork {
     /// Makes a tree over a range of the order, of triangles of one patch.
     fn split(&mut self, first: usize, last: usize) -> u32 {
         let triangles = &mut self.order[first..last];
-        if triangles.len() <= BUNCH {
+        if triangles.len() <= MAX_BUNCH {
             let neighbours = &self.neighbours;
             let points = || triangles.iter().flat_map(|t| neighbours.corners(*t));
             let (low, high) =

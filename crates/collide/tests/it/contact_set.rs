@@ -17,11 +17,11 @@ use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 const SEED: u64 = 0x5E75_0FC0;
 
-/// A query with a contact set of what it finds.
+/// A query with the contact set of its contacts.
 struct Pipeline {
     query: ContactQuery,
     set: ContactSet,
-    /// Of the bodies, m.
+    /// Size of the bodies, m.
     size: f64,
 }
 
@@ -88,7 +88,7 @@ fn turned(profile: &[(f64, f64)], around: u32) -> TriMesh {
     TriMesh::new(vertices, triangles).unwrap()
 }
 
-const SEVERAL: ContactSetSettings = ContactSetSettings { merge: 1e-6, spacing: 0.3, most_vertices: 1 << 16 };
+const SEVERAL: ContactSetSettings = ContactSetSettings { merge: 1e-6, spacing: 0.3, max_vertices: 1 << 16 };
 
 #[test]
 fn a_ball_pressed_into_a_block_is_one_contact() {
@@ -208,7 +208,7 @@ fn a_corner_pressed_into_a_box_is_as_deep_as_pressed() {
     }
 }
 
-/// Two bars across each other: no vertex is inside, and the pair of edges says how deep they are.
+/// Two crossing bars: no vertex is inside, and the depth is that of the pair of edges.
 #[test]
 fn crossing_edges_keep_the_depth_of_their_patches() {
     let bar = box_mesh(DVec3::new(3.0, 0.5, 0.5));
@@ -295,7 +295,7 @@ fn to_surface(point: DVec3, triangles: &[Triangle]) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// Disjoint sets, plainly.
+/// Disjoint sets without path compression.
 struct Partition(Vec<usize>);
 
 impl Partition {
@@ -469,7 +469,7 @@ fn bumpy_balls_by_brute_force() {
     sweep([&body, &body], (1.7, 2.2), 80, "bumpy balls");
 }
 
-/// The hulls of these patches protrude, and say nothing of the depth where vertices do.
+/// The hulls of these patches protrude, and their depth does not count in regions with vertices inside.
 #[test]
 fn loose_patches_by_brute_force() {
     let mesh = bumpy();
@@ -509,7 +509,7 @@ fn rings_by_brute_force() {
     sweep([&ring, &ball], (0.8, 2.2), 60, "ring on ball");
 }
 
-/// Lengths scale, and with them all that is found.
+/// Contact sets scale with all lengths.
 #[test]
 fn the_size_of_the_bodies_does_not_matter() {
     let mesh = bumpy();
@@ -565,7 +565,7 @@ fn shells_keep_the_depth_of_their_patches() {
 }
 
 #[test]
-fn what_is_not_valid_is_refused() {
+fn invalid_input_is_refused() {
     let mesh = bumpy();
     let body = shape(&mesh, &singles(&mesh), Kind::Contained);
     let mut query = ContactQuery::new(&body, &body);
@@ -598,7 +598,7 @@ fn what_is_not_valid_is_refused() {
     assert!(matches!(error, Some(ContactSetError::Spacing { .. })), "{error:?}");
     let error = refuses(&good, &Pose::from_translation(DVec3::NAN), &settings);
     assert_eq!(error, Some(ContactSetError::Pose { object: QueryObject::Probe }));
-    // Contacts that are not where the objects are make no sense, but no trouble either.
+    // Contacts at places without objects are meaningless, but must not cause a panic.
     refuses(&good, &Pose::from_translation(DVec3::splat(1e300)), &settings);
     refuses(&with(&|c| c.contact.point = DVec3::splat(1e18)), &up, &ContactSetSettings::new(0.0));
 }
@@ -612,11 +612,11 @@ fn work_is_bounded_by_the_vertices_allowed() {
     query.run(&up, &Pose::IDENTITY, &QuerySettings::new(0.01)).unwrap();
     let mut set = ContactSet::new(&body, &body);
     let mut last = 0.0;
-    for most_vertices in [0, 10, 50, 10_000] {
-        let settings = ContactSetSettings { most_vertices, ..ContactSetSettings::new(0.0) };
+    for max_vertices in [0, 10, 50, 10_000] {
+        let settings = ContactSetSettings { max_vertices, ..ContactSetSettings::new(0.0) };
         let depth = set.run(query.contacts(), &up, &Pose::IDENTITY, &settings).unwrap()[0].contact.depth;
         let outcome = set.outcome();
-        assert!(outcome.measured <= most_vertices && outcome.truncated == (most_vertices < 1000));
+        assert!(outcome.measured <= max_vertices && outcome.truncated == (max_vertices < 1000));
         assert!(depth >= last - 1e-12, "{depth} after {last}");
         last = depth;
     }
@@ -662,7 +662,7 @@ fn a_warm_run_does_not_allocate_and_repeats_itself() {
     }
 }
 
-/// At coarser nodes regions are those of the coarser surfaces, within the error that was asked for.
+/// At coarser nodes regions are those of the coarser surfaces, within the error threshold.
 #[test]
 fn coarser_levels_have_the_same_regions() {
     let built = |mesh: &TriMesh| {

@@ -1,5 +1,5 @@
-//! The convex queries against plain enumeration: distances by every pair of hull faces' features, depths by
-//! every direction that could separate two hulls.
+//! The convex queries against brute-force enumeration: distances by every pair of hull faces' features,
+//! depths by every direction that could separate two hulls.
 
 use crate::solids::{pose, vector};
 use palpate_collide::convex::{Hull, Limits, Placement, Polytope, Separation, Start, gjk};
@@ -145,7 +145,7 @@ fn bounds_meet_on_hundreds_of_thousands_of_pairs() {
             Separation::Within => {
                 let gap = -extent(&a, &placed(), -found.axis.normalize());
                 assert!(found.distance - gap < 1e-10, "{gap} {}", context());
-                // Warm start from the answer: the same distance, at once.
+                // A warm start from the answer finds the same distance at once.
                 let vertices: Vec<_> = found.simplex.vertices().iter().map(|v| (v.a, v.b)).collect();
                 let again = gjk::distance(
                     &Hull::new(&a),

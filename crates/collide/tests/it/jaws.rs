@@ -49,11 +49,11 @@ fn path_of_poses(path: &Path) -> Vec<Pose> {
         .collect()
 }
 
-/// The optional test data; says that a test is skipped without it.
+/// The optional test data. Without it a message is printed and the test is skipped.
 fn shared() -> Option<PathBuf> {
     let shared = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
     if !shared.is_dir() {
-        // Straight to the stream: the test runner keeps back what the print macros say.
+        // Written to the stream directly, since the test runner captures the output of the print macros.
         let _ = writeln!(std::io::stderr(), "skipped: no ../shared folder with models beside the repository");
         return None;
     }
@@ -121,8 +121,7 @@ fn run([probe, scene]: &[Body; 2], poses: &[Pose]) {
         for pair in &meeting {
             assert_eq!(found.get(pair), Some(&0.0), "patches {pair:?} intersect");
         }
-        // Where hulls overlap and the triangles do not meet, the solids overlap: there, no distance is
-        // reported.
+        // If hulls overlap and the triangles do not meet, the solids overlap, and no distance is reported.
         for (pair, distance) in found.iter().filter(|(_, d)| **d > 0.0) {
             let plain = exact.get(pair).copied().unwrap_or(f64::INFINITY);
             assert!((plain - distance).abs() <= 1e-9 * radius, "{pair:?}: {plain} {distance}");
@@ -155,8 +154,8 @@ fn is_inside(point: DVec3, triangles: &[crate::oracle::Triangle]) -> bool {
     triangles.iter().map(angle).sum::<f64>() > std::f64::consts::TAU
 }
 
-/// Regions of intersection of the jaws: no vertex near them, of either jaw, is deeper than the deepest
-/// region, and one is as deep unless that is the depth of two patches.
+/// Regions of intersection of the jaws: no vertex of either jaw near them is deeper than the deepest
+/// region, and one is as deep unless the region's depth is that of two patches.
 #[test]
 fn jaws_are_as_deep_as_their_vertices() {
     let Some(shared) = shared() else { return };
@@ -184,7 +183,7 @@ fn jaws_are_as_deep_as_their_vertices() {
             points.retain(|p| near.iter().any(|q| p.distance(*q) < 0.01 * radius));
             points.sort_unstable_by(|p, q| p.x.total_cmp(&q.x).then(p.y.total_cmp(&q.y)));
             points.dedup();
-            // Inside is asked only of those that would be deeper.
+            // The inside test is made only for vertices that would be deeper.
             for point in points {
                 let to =
                     |t: &crate::oracle::Triangle| crate::oracle::point_triangle(point, *t).distance(point);

@@ -1,4 +1,4 @@
-//! A query and its clustering allocate nothing once they have seen as much before.
+//! A query and its clustering allocate nothing after a pass over the same poses.
 
 use crate::solids::{Kind, clusters, hierarchy, singles, star};
 use allocation_counter::measure;

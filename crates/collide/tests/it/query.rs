@@ -106,7 +106,7 @@ fn check(
         }
         tally.minima += 1;
         let (x, y) = crate::oracle::nearest(ta[i], tb[j]);
-        // Of equal pairs that share a vertex or an edge, or lie in parallel, one is enough.
+        // Equal pairs that share a vertex or an edge, or are parallel, need only one contact.
         let near = |c: &&PatchContact| {
             (c.contact.distance() - d).abs() < 1e-9 * scale
                 && ((c.contact.point.distance(x) < 1e-7 * scale
@@ -135,7 +135,7 @@ fn sane(contacts: &[PatchContact], outcome: &QueryOutcome, tolerance: f64, scale
     }
 }
 
-/// Poses from well apart to deep in: `along` is the distance of the centres.
+/// Poses from far apart to deep penetration: `along` is the distance of the centres.
 fn sweep(a: &Body, b: &Body, tolerance: f64, range: (f64, f64), rounds: usize, name: &str) -> Tally {
     let mut rng = StdRng::seed_from_u64(SEED);
     let mut query = ContactQuery::new(&a.shape, &b.shape);
@@ -240,7 +240,7 @@ fn aligned_boxes() {
                 assert!(c.contact.normal.dot(-DVec3::Z) > 1.0 - 1e-6, "{name} {gap}: {c:?}");
             }
         }
-        // Touching to the last bit, and in.
+        // Touching to the last bit, and penetrating.
         for depth in [0.0, 1e-12, 1e-9, 1e-4, 0.01] {
             let up = Pose::from_translation(DVec3::new(0.3, 0.2, 1.2 - depth));
             let outcome = query.run(&up, &Pose::IDENTITY, &QuerySettings::new(0.05)).unwrap();
@@ -254,7 +254,7 @@ fn aligned_boxes() {
     }
 }
 
-/// A plate whose rim is one patch: its hull is the plate, with the two large faces virtual. What is pressed
+/// A plate whose rim is one patch: its hull is the plate, with the two large faces virtual. An object pressed
 /// into the plate touches that hull far from any of its triangles.
 #[test]
 fn pressing_past_virtual_faces_is_no_deeper_than_the_press() {
@@ -282,7 +282,7 @@ fn pressing_past_virtual_faces_is_no_deeper_than_the_press() {
     }
 }
 
-/// Faces in one plane, in frames where rounding leaves them a little apart or a little in: a tolerance of 0
+/// Faces in one plane, in frames where rounding makes them slightly apart or penetrating: a tolerance of 0
 /// finds them.
 #[test]
 fn faces_in_one_plane_touch_at_zero_tolerance() {
@@ -344,7 +344,7 @@ fn depth_of_a_ball_in_a_plane() {
     });
     let plane = TriMesh::new(vertices.collect(), triangles.collect()).unwrap();
     let patches = singles(&plane);
-    // Taken for part of a solid's surface: only its upper side counts.
+    // As part of a solid's surface, only its upper side counts.
     let scene = Body::new(plane, &patches, Kind::Contained);
     let ball = star(4, |_| 1.0);
     let probe = Body::new(ball.clone(), &[(0..ball.triangles().len() as u32).collect()], Kind::Contained);
@@ -387,8 +387,8 @@ fn swapping_the_bodies_swaps_the_contacts() {
     }
 }
 
-/// Lengths scale, and with them all that is found, at full resolution and at coarser levels: no contact comes
-/// or goes.
+/// Contacts scale with all lengths, at full resolution and at coarser levels, and their number does not
+/// change.
 #[test]
 fn the_unit_of_length_does_not_matter() {
     let seed = SEED + 3;
@@ -422,7 +422,7 @@ fn the_unit_of_length_does_not_matter() {
                     (c.point, c.scene_point, c.depth) =
                         (c.point / scale, c.scene_point / scale, c.depth / scale);
                 });
-                // The order of the descent is no promise.
+                // The order of contacts is not guaranteed.
                 contacts.sort_by(|x, y| {
                     let nodes = |c: &PatchContact| (c.probe_node, c.scene_node);
                     nodes(x).cmp(&nodes(y)).then(x.contact.depth.total_cmp(&y.contact.depth))
@@ -506,7 +506,7 @@ fn buffers_grow_and_bad_input_is_refused() {
     assert!(matches!(unknown, QueryError::Tolerance { .. }));
     let negative = QuerySettings { error: (-1.0).into(), ..open };
     assert_eq!(refused(&near, &origin, negative), QueryError::HapticMetric { given: -1.0 });
-    // The largest tolerance is accepted, and an error leaves nothing behind.
+    // The largest tolerance is accepted, and an error does not affect later queries.
     assert!(query.run(&near, &origin, &QuerySettings::new(most)).unwrap().contacts > grown.contacts);
     assert_eq!(query.run(&near, &origin, &open).unwrap().contacts, grown.contacts);
 }

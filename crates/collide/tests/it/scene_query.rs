@@ -1,4 +1,4 @@
-//! One probe against many objects: the same contacts as of a query with each.
+//! Scene queries of one probe with many objects: the contacts are those of a query with each.
 
 use crate::solids::{Kind, clusters, hierarchy, pose, rotation, singles, star, torus, vector};
 use allocation_counter::measure;
@@ -18,7 +18,7 @@ fn bumpy() -> Shape {
     Shape::new(hierarchy(&mesh, &clusters(&mesh, 4), Kind::Loose).0)
 }
 
-/// Round, long and flat, ring-shaped, open; and a smaller one.
+/// Shapes: round, long and flat, ring-shaped, open, and a smaller one.
 fn shapes() -> Vec<Shape> {
     let egg = star(2, |v| 1.0 + 0.2 * v.x);
     let ring = torus(1.0, 0.25, 12, 6);
@@ -97,7 +97,7 @@ impl Both {
         assert_eq!(outcome.query.deepest.is_some(), sum.deepest.is_some());
         let off = outcome.query.deepest.zip(sum.deepest).map_or(0.0, |(x, y)| (x - y).abs());
         assert!(off < 1e-8 && outcome.invalid == 0, "{context}: {outcome:?}");
-        // Those within reach are the same without queries.
+        // The objects within reach are the same without queries.
         let queried: Vec<_> = self.scene.contacts().map(|with| with.object).collect();
         assert_eq!(self.scene.find_near(probe_pose, settings.tolerance), Ok(0), "{context}");
         assert!(self.scene.near().eq(queried.iter().copied()), "{context}");
@@ -165,7 +165,7 @@ fn the_contacts_are_those_of_a_query_with_each_object() {
         queried += both.queried;
     }
     assert!(contacts > 20_000, "{contacts} contacts");
-    assert!(5 * tested < 2 * runs && queried < tested, "of {runs}, {tested} looked at, {queried} queried");
+    assert!(5 * tested < 2 * runs && queried < tested, "of {runs}, {tested} tested, {queried} queried");
 }
 
 #[test]
@@ -190,7 +190,7 @@ fn removed_objects_are_not_touched() {
 }
 
 #[test]
-fn what_is_not_valid_is_refused_and_said() {
+fn invalid_objects_are_counted_and_invalid_queries_refused() {
     let shape = bumpy();
     let mut scene = SceneQuery::new(&shape);
     let settings = QuerySettings::new(TOLERANCE);
@@ -243,7 +243,7 @@ fn workspaces_go_from_object_to_object() {
     pass(0..100);
     assert_eq!(measure(|| pass(100..3000)).count_total, 0);
     assert!(contacts > 10_000 && scene.bytes() == bytes, "{contacts} contacts, {bytes} bytes");
-    // A third one has none, and gets one.
+    // The third object has no workspace, and gets one.
     for offset in [-1.0, 0.0, 1.0] {
         scene.add(&shape, &Pose::new(1e4 * DVec3::X + 0.1 * offset * DVec3::Y, DQuat::IDENTITY));
     }
@@ -285,8 +285,8 @@ fn a_warm_scene_does_not_allocate() {
     assert!(warm > 1000, "{warm}");
 }
 
-/// Four objects with a budget for all take no more than one with the same budget, but for what cannot be left
-/// out.
+/// Four objects with a common budget take no more than one with the same budget, except for tests that are
+/// always made.
 #[test]
 fn a_budget_is_shared() {
     let mesh = star(4, |v| 1.0 + 0.05 * (7.0 * v.x).sin() * (6.0 * v.y + 1.0).sin());
@@ -316,7 +316,8 @@ fn a_budget_is_shared() {
     assert!(!stopped && queries == all, "{queries} of {all}");
 }
 
-/// However many shapes come and go, only those that are there take memory, and they are found as ever.
+/// However many shapes are added and removed, only those in the scene take memory, and they are found as
+/// before.
 #[test]
 fn shapes_go_with_their_last_object() {
     let (probe, settings) = (bumpy(), QuerySettings::new(TOLERANCE));

@@ -27,8 +27,8 @@
 //! for the change of its twist, and a right-hand side. With J_i the 6×7 matrix that takes (V, ω, q̇) to the
 //! body's twist, and S_i the derivative of J_i u_0 by the placement (the centres of mass move on arcs), the
 //! change of the body's twist over the step is (J_i + h S_i) Δu + h S_i u_0, and the tool gets
-//! J_iᵀ A_i (J_i + h S_i). The turning of J_i itself under the forces at the start is geometric stiffness. It is dropped,
-//! with S_i, if the matrix is no prediction with it, like the geometric stiffness of one body.
+//! J_iᵀ A_i (J_i + h S_i). The turning of J_i itself under the forces at the start is geometric stiffness. It
+//! is dropped, with S_i, if the matrix is no prediction with it, like the geometric stiffness of one body.
 //!
 //! A body's displacement over the step is h times its twist at the end. If its centre of mass moves on an
 //! arc, this differs from the displacement by h (V, ω, q̇) in second order.

@@ -168,7 +168,7 @@ fn with_a_delay_the_bound_is_above_the_general_condition_and_near_it() {
 }
 
 #[test]
-fn what_was_enough_without_a_delay_is_not_with_one() {
+fn a_delay_needs_more_damping() {
     let at = |delay| needed(400.0, 5.0, 10e-3, &sampling(1e-3, delay));
     let none = PortAxes::needed_viscous(400.0, 5.0, 10e-3, &sampling(1e-3, 0.0));
     assert!(at(0.0) <= none * (1.0 + 1e-9));
@@ -310,7 +310,7 @@ fn a_lever_takes_of_the_rotation_and_then_of_the_translation() {
     // √(b/b_θ) = 31.6/m adds a tenth of the lever's own share to ℓ² at 0.1 m.
     assert!((at(0.1).0 - 0.075 / (0.01 + 0.1 / 1000_f64.sqrt())).abs() < 1e-9, "{}", at(0.1).0);
 
-    // Where no torque reaches the hand, no lever limits it; where no force does, the rotation has all of its
+    // If no torque reaches the hand, no lever limits it; if no force does, the rotation has all of its
     // own.
     let mut one_sided = limits(sampling(1e-3, 0.0)).with_lever(0.1);
     one_sided.rotation.peak = 0.0;
@@ -361,7 +361,7 @@ fn the_makers_figures_alone_are_enough_with_a_delay() {
 }
 
 #[test]
-fn what_is_not_known_or_not_rendered_falls_back() {
+fn unknown_and_unrendered_limits_use_defaults() {
     let at = |period| sampling(period, 0.0);
     let known = limits(at(1e-3));
     assert_eq!(known.translation.largest_stiffness(&at(1e-3)), 400.0);

@@ -772,7 +772,7 @@ fn energy_never_grows_in_contact_from_rest() {
 /// Numbers of every kind in every input: each step is finite or reports why it was not taken, and none
 /// panics.
 #[test]
-fn what_cannot_be_used_is_refused() {
+fn unusable_inputs_are_refused() {
     let limits = JointLimits { low: 0.0, high: 1.0, stiffness: 100.0 };
     let tool = light_forceps(limits);
     let usable = || {

@@ -346,7 +346,7 @@ fn corner() -> (Scene, BodyState) {
 }
 
 #[test]
-fn all_agree_in_contact_when_steps_are_small() {
+fn integrators_agree_in_contact_when_steps_are_small() {
     let (scene, start) = corner();
     let (seconds, steps) = (0.02, 20_000);
     let expected = scene.run(&RungeKutta4, start, seconds, steps);

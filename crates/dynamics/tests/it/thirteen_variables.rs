@@ -104,7 +104,7 @@ fn deviation_matrix(scene: &Scene) -> [[f64; 4]; 4] {
     [[-a.w, a.z, -a.y, a.x], [-a.z, -a.w, a.x, a.y], [a.y, -a.x, -a.w, a.z], [a.x, a.y, a.z, a.w]]
 }
 
-/// u_c with the sign of the short way round, and its derivative by each q_i.
+/// u_c for the shorter rotation, and its derivative by each q_i.
 fn coupling_turn(scene: &Scene, q: [f64; 4]) -> (DVec3, [DVec3; 4]) {
     let c = deviation_matrix(scene);
     let mut dq: [f64; 4] = std::array::from_fn(|i| (0..4).map(|k| c[i][k] * q[k]).sum());

@@ -216,7 +216,7 @@ impl ByFields {
 
     /// Finds the contacts with all objects near, with the mesh's frame at a pose, unless the last query was
     /// the same; `false` if an object could not be queried.
-    fn look(
+    fn query(
         &mut self,
         purpose: Purpose,
         mesh: &Pose,
@@ -277,7 +277,7 @@ impl ByFields {
     ) -> &[(Option<usize>, Plane)] {
         let reach = (tolerance + in_steps(lag, tolerance)).min(self.max_reach()).max(tolerance);
         // Objects that cannot be queried were counted with the proxy's query.
-        self.look(Purpose::Push, &(*proxy * *to_mesh), reach, scene, &mut QueryReport::default());
+        self.query(Purpose::Push, &(*proxy * *to_mesh), reach, scene, &mut QueryReport::default());
         self.carried.clear();
         self.carried.extend(
             self.found
@@ -355,7 +355,7 @@ impl ContactFinder for FieldFinder<'_> {
     }
 
     fn find(&mut self, mesh: &Pose, report: &mut QueryReport) -> bool {
-        self.by_fields.look(Purpose::Proxy, mesh, self.reach, self.scene, report)
+        self.by_fields.query(Purpose::Proxy, mesh, self.reach, self.scene, report)
     }
 
     fn contacts(&self) -> impl Iterator<Item = ProxyContact> {

@@ -140,8 +140,8 @@ impl Sums {
             return None;
         }
         let normal = self.force / size;
-        // As stiff along its normal as the contacts together: w = **n**ᵀ (Σ w **n** **n**ᵀ) **n**, and w (δ +
-        // d) = |**F**|.
+        // As stiff along its normal as the contacts together: w = **n**ᵀ (Σ w **n** **n**ᵀ) **n**, and
+        // w (δ + d) = |**F**|.
         let weight = normal.dot(self.stiffness * normal);
         let depth = size / weight - tolerance;
         let mean = self.moment / self.push;
@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn as_many_planes_as_contacts_are_the_contacts() {
+    fn with_as_many_planes_each_plane_is_a_contact() {
         let mut rng = StdRng::seed_from_u64(0x3E27);
         let mut merging = Merging::new(16, 1.0);
         let ends = [(-DVec3::X, DVec3::Z), (DVec3::X, DVec3::Z), (DVec3::X, -DVec3::Z), (DVec3::Y, DVec3::Y)];

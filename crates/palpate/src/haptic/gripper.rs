@@ -5,7 +5,7 @@ use palpate_core::{Pose, Twist, Wrench};
 use palpate_device::{DeviceState, Status};
 use palpate_dynamics::{GripperMotion, PassivityObserver, PortAxes, SlewLimit, saturate};
 
-use super::output::Moment;
+use super::invariants::Moment;
 use super::tracking::{Reading, Tracking};
 use crate::settings::SLEW_TIME;
 use crate::settings::gripper::GripperSettings;

@@ -143,24 +143,22 @@ impl Bounds {
     }
 }
 
-/// A write, with the state of the loop at its time.
+/// State of the loop at a write.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Write {
-    /// The wrench, in device axes, about the handle's origin.
-    pub wrench: Wrench,
+pub(crate) struct Moment {
     /// Time that is integrated in this step, s.
     pub dt: f64,
     /// Time since the last write, s.
     pub elapsed: f64,
-    /// Displacement of the handle since the last write, m and rad.
-    pub displacement: Twist,
-    /// Whether the device or the step has failed.
+    /// Share of the wrench that is sent, 0 to 1.
+    pub share: f64,
+    /// Whether the device or the step has failed, so that nothing is sent.
     pub faulty: bool,
     /// Time since contact models are overdue, s; negative if they are not.
     pub overdue: f64,
-    /// Whether the wrench starts to come up from zero after a failure.
+    /// Whether the wrench starts to come up from zero.
     pub released: bool,
-    /// Largest energy that the rendered springs can give back, J.
+    /// Largest energy that the rendered springs can give back, J at the device.
     pub stored: f64,
 }
 
@@ -222,9 +220,10 @@ impl Invariants {
         Invariant::ALL.into_iter().map(|invariant| (invariant.name(), self.record(invariant))).collect()
     }
 
-    /// Checks a write: each invariant's value as a fraction of its bound.
-    pub(crate) fn check(&mut self, write: &Write) {
-        let Write { wrench, dt, elapsed, .. } = *write;
+    /// Checks the write of a wrench (device axes, about the handle's origin), given the handle's displacement
+    /// since the last write (m, rad): each invariant's value as a fraction of its bound.
+    pub(crate) fn check(&mut self, wrench: &Wrench, displacement: &Twist, at: &Moment) {
+        let (wrench, Moment { dt, elapsed, .. }) = (*wrench, *at);
         let parts = [(wrench.force, self.last.force), (wrench.torque, self.last.torque)];
         let Bounds { peak, slew, engagement, .. } = self.bounds;
         self.note(Invariant::Finite, if wrench.is_finite() { 0.0 } else { f64::INFINITY });
@@ -236,14 +235,14 @@ impl Invariants {
         // Times count from the first write that reports a fault.
         let since =
             |lasts: bool, known: Option<f64>| lasts.then(|| known.map_or(0.0, |known| known + elapsed));
-        self.faulty = since(write.faulty, self.faulty);
+        self.faulty = since(at.faulty, self.faulty);
         // A model may already be long overdue when it arrives; before, that could not be detected.
-        let overdue = since(write.overdue > 0.0, self.overdue);
-        self.overdue = overdue.map(|known| known.min(write.overdue));
+        let overdue = since(at.overdue > 0.0, self.overdue);
+        self.overdue = overdue.map(|known| known.min(at.overdue));
         let faulty = self.faulty.unwrap_or(0.0).max(self.overdue.unwrap_or(0.0));
         self.note(Invariant::Fault, if wrench == Wrench::ZERO { 0.0 } else { faulty / FAULT_TIME });
 
-        self.up = if write.released { 0.0 } else { self.up } + dt;
+        self.up = if at.released { 0.0 } else { self.up } + dt;
         if engagement > 0.0 {
             let share = smooth((self.up / engagement).min(1.0));
             let grows = parts.iter().zip([peak.0, peak.1]).map(|(&(now, last), peak)| {
@@ -252,7 +251,7 @@ impl Invariants {
             });
             self.note(Invariant::Engagement, grows.fold(0.0, f64::max));
         }
-        self.note_power(write);
+        self.note_power(&wrench, displacement, at);
         self.last = wrench;
     }
 
@@ -260,8 +259,8 @@ impl Invariants {
     ///
     /// The reserve changes by minus the work of the wrench and is at most the stored energy; then −reserve is
     /// the energy created.
-    fn note_power(&mut self, write: &Write) {
-        let Write { wrench, elapsed, displacement, stored, .. } = *write;
+    fn note_power(&mut self, wrench: &Wrench, displacement: &Twist, at: &Moment) {
+        let Moment { elapsed, stored, .. } = *at;
         let Bounds { peak, continuous, energy, .. } = self.bounds;
         let last = self.last;
         let work = charged((last.force, wrench.force), displacement.linear, self.bounds.steps.0)
@@ -272,7 +271,7 @@ impl Invariants {
             (self.reserve, self.max_stored) = (0.0, stored);
         }
         let created = -self.reserve - self.max_stored;
-        self.note(Invariant::Energy, if wrench == Wrench::ZERO { 0.0 } else { part_of(created, energy) });
+        self.note(Invariant::Energy, if *wrench == Wrench::ZERO { 0.0 } else { part_of(created, energy) });
 
         let limited = [(continuous.0, peak.0), (continuous.1, peak.1)];
         let held = [last.force.length(), last.torque.length()];
@@ -358,17 +357,36 @@ mod tests {
 
     const DT: f64 = 1e-3;
 
+    /// A write with the state of the loop at its time.
+    #[derive(Clone, Copy)]
+    struct Write {
+        wrench: Wrench,
+        elapsed: f64,
+        displacement: Twist,
+        faulty: bool,
+        overdue: f64,
+        released: bool,
+        stored: f64,
+    }
+
+    impl Write {
+        fn check(&self, invariants: &mut Invariants) {
+            let Self { wrench, elapsed, displacement, faulty, overdue, released, stored } = *self;
+            let at = Moment { dt: DT, elapsed, share: 1.0, faulty, overdue, released, stored };
+            invariants.check(&wrench, &displacement, &at);
+        }
+    }
+
     fn checked(writes: impl IntoIterator<Item = Write>) -> Invariants {
         let slew = SlewLimit { force: 850.0, torque: 18.8 };
         let mut invariants = Invariants::new(Bounds::of(&Emulation::default().specification, slew, 0.2));
-        writes.into_iter().for_each(|write| invariants.check(&write));
+        writes.into_iter().for_each(|write| write.check(&mut invariants));
         invariants
     }
 
     fn push(force: f64) -> Write {
         Write {
             wrench: Wrench::new(DVec3::Z * force, DVec3::ZERO),
-            dt: DT,
             elapsed: DT,
             displacement: Twist::ZERO,
             faulty: false,
@@ -407,7 +425,7 @@ mod tests {
                 let back = if phase.cos() < 0.0 { harder } else { 1.0 };
                 let displacement = Twist::new(DVec3::Z * moved, DVec3::ZERO);
                 let stored = 0.5 * stiffness * place * place;
-                invariants.check(&Write { displacement, stored, ..push(-stiffness * back * place) });
+                Write { displacement, stored, ..push(-stiffness * back * place) }.check(&mut invariants);
                 last = place;
             }
             invariants.record(Invariant::Energy)

@@ -26,8 +26,8 @@ use rtrb::Consumer;
 
 use self::body_contacts::BodyContacts;
 use self::gripper::Gripper;
-use self::invariants::Invariants;
-use self::output::{Moment, Output};
+use self::invariants::{Invariants, Moment};
+use self::output::Output;
 use self::outputs::Outputs;
 use self::presence::Presence;
 use self::reactions::Reactions;

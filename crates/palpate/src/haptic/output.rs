@@ -7,7 +7,7 @@ use palpate_device::{Axes, Specification};
 use palpate_dynamics::{PassivityController, SlewLimit, saturate};
 
 use crate::haptic::heat::Heat;
-use crate::haptic::invariants::{Bounds, HARMLESS_SHARE, Invariants, RUNAWAY_SPEED, Write, energy_bound};
+use crate::haptic::invariants::{Bounds, HARMLESS_SHARE, Invariants, Moment, RUNAWAY_SPEED, energy_bound};
 use crate::haptic::tracking::Tracking;
 use crate::scene::placement::renders;
 use crate::settings::SLEW_TIME;
@@ -73,25 +73,6 @@ pub(crate) struct Output {
     /// The wrench that the device holds, as far as known.
     sent: Wrench,
     invariants: Invariants,
-}
-
-/// State of the loop at a write.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Moment {
-    /// Time that is integrated in this step, s.
-    pub dt: f64,
-    /// Time since the last write, s.
-    pub elapsed: f64,
-    /// Share of the wrench that is sent, 0 to 1.
-    pub share: f64,
-    /// Whether the device or the step has failed, so that nothing is sent.
-    pub faulty: bool,
-    /// Time since contact models are overdue, s; negative if they are not.
-    pub overdue: f64,
-    /// Whether the wrench starts to come up from zero.
-    pub released: bool,
-    /// Largest energy that the rendered springs can give back, J at the device.
-    pub stored: f64,
 }
 
 impl Output {
@@ -230,16 +211,7 @@ impl Output {
 
     /// Checks a wrench and accounts for it as the one that the device holds from now on.
     fn hold(&mut self, sent: Wrench, tracking: &Tracking, at: &Moment) -> Wrench {
-        self.invariants.check(&Write {
-            wrench: sent,
-            dt: at.dt,
-            elapsed: at.elapsed,
-            displacement: *tracking.displacement(),
-            faulty: at.faulty,
-            overdue: at.overdue,
-            released: at.released,
-            stored: at.stored,
-        });
+        self.invariants.check(&sent, tracking.displacement(), at);
         debug_assert!(self.invariants.broken() == 0, "{}", self.invariants);
         self.heat[0].pass(self.sent.force.length(), at.elapsed);
         self.heat[1].pass(self.sent.torque.length(), at.elapsed);

@@ -1,5 +1,5 @@
-//! Plain answers to hold the query against: every pair of triangles, by the textbook formulas for points,
-//! segments and triangles (Ericson 2005, chapter 5), and by none of the crate's own code.
+//! Brute-force answers to test the query against: every pair of triangles, by the textbook formulas for
+//! points, segments and triangles (Ericson 2005, chapter 5), without the crate's own code.
 #![allow(dead_code)]
 
 use palpate_core::glam::DVec3;

@@ -1,5 +1,5 @@
-//! Procedural meshes, and hierarchies over them that owe nothing to the builder: patches as given, and above
-//! them free levels by pairing neighbours along a median split. Hulls are kept as all their vertices.
+//! Procedural meshes, and hierarchies over them that are independent of the builder: given patches, and above
+//! them free levels by pairing neighbours along a median split. Hulls are stored as all their vertices.
 #![allow(dead_code)]
 
 use std::collections::HashSet;
@@ -10,12 +10,12 @@ use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Clod, Pose, TriMesh};
 use rand::{RngExt, rngs::StdRng};
 
-/// How the patches of a test hierarchy lie to the solid.
+/// Relation of the patches of a test hierarchy to the solid.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Kind {
     /// A closed mesh whose patches' hulls are inside it.
     Contained,
-    /// A closed mesh, and nothing known about the hulls.
+    /// A closed mesh whose hulls may protrude.
     Loose,
     /// An open mesh.
     Open,

@@ -94,7 +94,7 @@ fn a_full_class_takes_no_room_from_the_other() {
 }
 
 #[test]
-fn the_shallowest_gives_way_whatever_its_kind() {
+fn the_shallowest_is_replaced_whatever_its_kind() {
     for old in KINDS {
         for new in KINDS {
             let mut model = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
@@ -129,7 +129,7 @@ fn constraints_pushed_as_they_are_keep_to_the_same_budgets() {
 
 /// Contacts that were replaced leave nothing behind: the model is that of the others alone.
 #[test]
-fn a_contact_that_gives_way_takes_its_curvature_terms_along() {
+fn a_replaced_contact_removes_its_curvature_terms() {
     let mut model = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
     for (i, depth) in shuffled(40).enumerate() {
         push(&mut model, KINDS[i % 3], ContactClass::Touching, 1.0 + 0.01 * depth);

@@ -179,7 +179,7 @@ fn stiffness_of_curvature_terms_is_semi_definite_wherever_the_body_is() {
 }
 
 #[test]
-fn what_is_not_finite_is_refused() {
+fn contacts_that_are_not_finite_are_refused() {
     let mut rng = StdRng::seed_from_u64(125);
     let pose = random_pose(&mut rng, 0.3);
     let good = random_contact(&mut rng, &pose);

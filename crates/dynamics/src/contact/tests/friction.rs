@@ -151,7 +151,7 @@ fn settling_never_stretches_a_spring() {
     assert!(yielded > 200, "{yielded} yielded");
 }
 
-/// Contacts found anew, elsewhere and another number of them, hold the body with the same wrench.
+/// A new model with other contacts holds the body with the same wrench.
 #[test]
 fn friction_goes_over_to_new_contacts() {
     let seed = 64;

@@ -12,7 +12,7 @@ use crate::step::{Frame, Step, StepStatus};
 ///
 /// In the step the orientation is exp(θ*) R₀ with θ′ = J_l⁻¹(θ) ω, so that the method works on vectors only
 /// and the rotation stays one (Munthe-Kaas); the other unknowns are x, v and the angular momentum. Contacts
-/// are looked at in each stage; in a step in which one opens or closes the order is lower. It diverges with
+/// are evaluated in each stage; in a step in which one opens or closes the order is lower. It diverges with
 /// stiff springs and light bodies, if later than [`ForwardEuler`](crate::ForwardEuler).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct RungeKutta4;

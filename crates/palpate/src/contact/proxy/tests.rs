@@ -77,7 +77,7 @@ fn follow(proxy: &mut Proxy, goal: &Pose, planes: &mut Planes, steps: usize) {
 
 /// Pressed onto a floor, it stays on it, and slides along as the object does.
 #[test]
-fn it_stays_on_a_floor_and_slides_along() {
+fn the_proxy_stays_on_a_floor_and_slides_along() {
     let mut planes = Planes::new(&[(DVec3::Z, 0.0)]);
     let mut proxy = proxy(true);
     follow(&mut proxy, &at(0.0, RADIUS), &mut planes, 1);
@@ -95,7 +95,7 @@ fn it_stays_on_a_floor_and_slides_along() {
 
 /// A wall of no thickness that the object has passed in one step is not passed by the proxy.
 #[test]
-fn it_stays_before_a_wall_that_the_object_has_passed() {
+fn the_proxy_stays_before_a_wall_that_the_object_has_passed() {
     let wall = [(DVec3::NEG_X, 0.0)];
     for enabled in [true, false] {
         let mut planes = Planes::new(&wall);
@@ -110,7 +110,7 @@ fn it_stays_before_a_wall_that_the_object_has_passed() {
 
 /// A plane that moves against the proxy pushes it along and is not passed.
 #[test]
-fn it_is_pushed_by_a_plane_that_moves() {
+fn the_proxy_is_pushed_by_a_plane_that_moves() {
     let mut planes = Planes::new(&[(DVec3::Z, 0.0)]);
     let mut proxy = proxy(true);
     let goal = at(0.0, RADIUS);
@@ -128,7 +128,7 @@ fn it_is_pushed_by_a_plane_that_moves() {
 
 /// Between two closing planes it restarts at the object, and its side is known again when they open.
 #[test]
-fn between_closing_planes_it_restarts() {
+fn the_proxy_restarts_between_closing_planes() {
     let mut planes = Planes::new(&[(DVec3::Z, -RADIUS), (DVec3::NEG_Z, -RADIUS)]);
     let mut proxy = proxy(true);
     let goal = at(0.0, 0.0);
@@ -146,7 +146,7 @@ fn between_closing_planes_it_restarts() {
 
 /// It sinks into the coarse mesh of a textured object by the recess, and no further.
 #[test]
-fn a_recess_lets_it_sink_in_by_as_much() {
+fn the_proxy_sinks_in_by_the_recess() {
     let mut planes = Planes::new(&[(DVec3::Z, 0.0)]);
     let mut proxy = proxy(true);
     let recess = 3.0 * TOLERANCE;
