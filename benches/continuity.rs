@@ -2,8 +2,8 @@
 //!
 //! The length of a step bounds the motion of all points of the probe's bounding sphere:
 //! |Δx| + R |Δθ|. Changes of the force are reported as |Δ**F**| / (k · step), those of the torque about the
-//! sphere's centre as |Δ**τ**| / (k R · step), with the [`AreaLaw`]. For a continuous wrench these stay bounded
-//! however small the steps are; for one that jumps they grow as the steps become smaller.
+//! sphere's centre as |Δ**τ**| / (k R · step), with the [`AreaLaw`]. For a continuous wrench these stay
+//! bounded however small the steps are; for one that jumps they grow as the steps become smaller.
 
 use palpate::core::mesh::Sphere;
 use palpate::{Pose, Wrench};

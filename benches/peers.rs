@@ -1,5 +1,5 @@
-//! Contact queries compared with other methods: parry's contact manifolds and pairs of triangles, and shells of
-//! points and edges in signed distance grids.
+//! Contact queries compared with other methods: parry's contact manifolds and pairs of triangles, and shells
+//! of points and edges in signed distance grids.
 //!
 //! `cargo bench -p palpate-benches --bench peers`, or `-- --scenario jaws golf --poses 1000`; with
 //! `--anywhere` at unrelated poses anywhere on the scene object. On other files: `-- --probe A.obj --scene
@@ -19,7 +19,8 @@
 //! - missed: regions of intersection deeper than 2 EPS ([`MIN_REGION_DEPTH`]) without a penetrating contact,
 //!   and their total number.
 //!
-//! The first run builds hierarchies (kept in the user's cache) and distance grids (kept in the target folder).
+//! The first run builds hierarchies (kept in the user's cache) and distance grids (kept in the target
+//! folder).
 
 #![allow(missing_docs, clippy::print_stdout, reason = "it prints tables")]
 

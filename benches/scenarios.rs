@@ -91,8 +91,8 @@ enum Motion {
 /// Parameters of a probe that slides over an object.
 #[derive(Clone, Copy)]
 struct Sliding {
-    /// Position of the probe's origin at the start, m; `None` for clear of the scene object with the bounding
-    /// spheres' centres in line.
+    /// Position of the probe's origin at the start, m; `None` for clear of the scene object with the
+    /// bounding spheres' centres in line.
     start: Option<DVec3>,
     /// Direction in which it moves until it touches.
     direction: DVec3,

@@ -1,4 +1,5 @@
-//! Writes the few small files that fuzzing starts from: `cargo run --manifest-path fuzz/Cargo.toml --example seeds`.
+//! Writes the few small files that fuzzing starts from:
+//! `cargo run --manifest-path fuzz/Cargo.toml --example seeds`.
 
 use std::fs;
 use std::io;

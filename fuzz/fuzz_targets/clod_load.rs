@@ -1,5 +1,5 @@
-//! Any bytes as a `.clod` file: as they are, and with the header put right so that they reach the checks behind it.
-//! Reading takes memory in proportion to the file, and what is accepted survives contact queries.
+//! Any bytes as a `.clod` file: as they are, and with a corrected header so that they reach the checks behind
+//! it. Reading takes memory in proportion to the file, and accepted files survive contact queries.
 
 #![no_main]
 

@@ -1,5 +1,5 @@
-//! Any bytes as a mesh file, of the format that the first byte chooses: loaded as it is and with repair, and validated;
-//! and loaded with texture coordinates.
+//! Any bytes as a mesh file, of the format that the first byte chooses: loaded as it is and with repair, and
+//! validated; and loaded with texture coordinates.
 
 #![no_main]
 

@@ -491,8 +491,8 @@ fn gradient(known: Sample) -> array<f32, 6> {
 
 // Second derivatives of the overlap for a point of A over B: upper triangle, row by row. With H = -grad^2 h_B
 // and J = (1, -[r]x), by which A's motion moves r, they are J^T H J. The second-order displacement
-// 0.5 w x (w x r) of r by a turn w adds 0.5 (r g^T + g r^T) - (g . r) 1 to the rotational block. For a point of
-// B they are neglected.
+// 0.5 w x (w x r) of r by a turn w adds 0.5 (r g^T + g r^T) - (g . r) 1 to the rotational block. For a point
+// of B they are neglected.
 fn curvature(known: Sample) -> array<f32, 21> {
     if known.ends == 2u { return array<f32, 21>(); }
     let r = vec3(known.at, known.a.height);

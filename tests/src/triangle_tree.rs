@@ -119,8 +119,8 @@ impl TriangleTree {
     }
 
     /// Returns the winding number of a closed, oriented surface about a point that is not on it: 1 inside an
-    /// object, 0 outside. It is the count of signed crossings that two of three rays agree on, since one may hit
-    /// an edge.
+    /// object, 0 outside. It is the count of signed crossings that two of three rays agree on, since one may
+    /// hit an edge.
     pub fn winding(&self, p: DVec3) -> i32 {
         let [a, b, c] = RAYS.map(|ray| self.crossings(p, ray));
         if b == c { b } else { a }

@@ -237,15 +237,16 @@ pub struct QueryArguments {
     pub probe: String,
     /// The object that it touches
     pub scene: String,
-    /// Poses of the probe in the scene's frame: CSV with the header t,px,py,pz,qx,qy,qz,qw, or a recording by
-    /// `run --record`
+    /// Poses of the probe in the scene's frame: CSV with the header t,px,py,pz,qx,qy,qz,qw, or a recording
+    /// by `run --record`
     #[arg(long, value_name = "T.csv")]
     pub trajectory: PathBuf,
     /// Report contacts closer than this: metres, or a percentage of the probe's bounding radius such as 1%
     #[arg(long, value_name = "D")]
     pub tolerance: Length,
-    /// Report a few contacts at exact geometry, each with the area that it represents, with an error of about
-    /// EPS: metres, or a percentage of the probe's bounding radius, 0.02% to 1% [default EPS: 0.05%]
+    /// Report a few contacts at exact geometry, each with the area that it represents, with an error of
+    /// about EPS: metres, or a percentage of the probe's bounding radius, 0.02% to 1% [default EPS:
+    /// 0.05%]
     #[arg(long, value_name = "EPS", num_args = 0..=1, default_missing_value = "0.05%",
         conflicts_with_all = ["error", "exact", "interpolate", "parallel"])]
     pub representative: Option<Length>,
@@ -440,8 +441,8 @@ pub struct Resolution {
         conflicts_with_all = ["error", "no_interpolation", "budget_us"])]
     representative: Option<Length>,
     /// Find contacts by levels of detail, and leave out detail whose error, averaged over the area of
-    /// contact, is at most this: metres, or a percentage of the probe's bounding radius such as 2.5%, at most
-    /// 100%; 0 for full resolution
+    /// contact, is at most this: metres, or a percentage of the probe's bounding radius such as 2.5%, at
+    /// most 100%; 0 for full resolution
     #[arg(long, value_name = "S0")]
     error: Option<Length>,
     /// Let forces jump where the level of detail changes, which takes a little less time
@@ -507,7 +508,8 @@ pub struct Physics {
     /// Damping of the virtual coupling, N·s/m [default: critical]
     #[arg(long)]
     coupling_damping: Option<f64>,
-    /// Angular stiffness of the virtual coupling, N·m/rad [default: as stiff as the device renders passively]
+    /// Angular stiffness of the virtual coupling, N·m/rad [default: as stiff as the device renders
+    /// passively]
     #[arg(long)]
     angular_stiffness: Option<f64>,
     /// Angular damping of the virtual coupling, N·m·s/rad [default: critical]

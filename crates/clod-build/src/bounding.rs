@@ -149,8 +149,8 @@ struct FarthestSearch {
 /// A descendant, or a vertex of a descendant that has been visited.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Waiting {
-    /// The leading bits of an upper bound of the distance. It is positive, so that its bits are ordered as it
-    /// is.
+    /// The leading bits of an upper bound of the distance. It is positive, so that its bits are ordered as
+    /// it is.
     bound: u64,
     is_vertex: bool,
     index: Reverse<u32>,

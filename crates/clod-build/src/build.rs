@@ -36,7 +36,8 @@ pub struct BuildOptions {
     /// Convexity tolerance (§3.3.1), as a fraction of the bounding radius: the surface of a convex patch may
     /// lie this far inside its own hull, and other surface may reach this deep into it.
     pub tolerance: f64,
-    /// Distance tolerance of support areas (§3.3.5) along a vertex normal: a fraction of the bounding radius.
+    /// Distance tolerance of support areas (§3.3.5) along a vertex normal: a fraction of the bounding
+    /// radius.
     pub support_distance: f64,
     /// Largest distance of a support area from its vertex: a fraction of the bounding radius.
     pub support_radius: f64,
@@ -48,9 +49,9 @@ pub struct BuildOptions {
     /// Whether patches are carried through the collapses, as in the dissertation; if false, each level is
     /// decomposed anew.
     pub carried: bool,
-    /// Largest number of points of its descendants that a hull gets so as to bound them better (§3.6.2): with
-    /// 0 it is the hull of its patch, as in the dissertation; with [`u32::MAX`] every hull contains its
-    /// descendants.
+    /// Largest number of points of its descendants that a hull gets so as to bound them better (§3.6.2):
+    /// with 0 it is the hull of its patch, as in the dissertation; with [`u32::MAX`] every hull contains
+    /// its descendants.
     pub bounding_points: u32,
     /// Half angle of the normal cone of support areas (§3.3.5), rad.
     pub support_cone: f64,

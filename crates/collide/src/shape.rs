@@ -53,7 +53,8 @@ const EXACT: u32 = 1 << 31;
 struct Search {
     /// Map of the bounding hull, in [`Prepared::supports`].
     support: u32,
-    /// Map of the patch's hull, in the same list; the same map unless points were added to bound descendants.
+    /// Map of the patch's hull, in the same list; the same map unless points were added to bound
+    /// descendants.
     patch_support: u32,
     /// Triangles at the patch's vertices, in [`Prepared::incidences`].
     incidence: u32,

@@ -36,8 +36,8 @@ pub struct Parts {
     pub levels: Vec<Level>,
     /// Nodes, the root first, level by level down to the leaves (level 0).
     pub nodes: Vec<Node>,
-    /// Hull vertices of all nodes, in the nodes' order, m. A vertex that several hulls have is there once for
-    /// each.
+    /// Hull vertices of all nodes, in the nodes' order, m. A vertex that several hulls have is there once
+    /// for each.
     pub vertices: Vec<DVec3>,
     /// D, the support area (m²) of each hull vertex (§3.3.5).
     pub support_areas: Vec<f64>,
@@ -100,14 +100,14 @@ pub struct Node {
     /// Vertices of the patch's hull: a range of [`Parts::vertices`], the [`extreme`](Self::extreme) ones
     /// first.
     pub vertices: Range<u32>,
-    /// Number of the vertices that are extreme points of the patch's hull. The others are patch vertices that
-    /// lie on its faces.
+    /// Number of the vertices that are extreme points of the patch's hull. The others are patch vertices
+    /// that lie on its faces.
     pub extreme: u32,
     /// Number of points, right before the vertices, that belong to the [bounding hull](Parts::bounding_hull)
     /// besides the extreme ones.
     pub added: u32,
-    /// The patch's triangles, which are real surface: a range of [`Parts::triangles`]; empty for a free node.
-    /// Hull faces not covered by them are virtual.
+    /// The patch's triangles, which are real surface: a range of [`Parts::triangles`]; empty for a free
+    /// node. Hull faces not covered by them are virtual.
     pub triangles: Range<u32>,
     /// Centre of a sphere around the bounding hull and all descendants' hulls, m.
     pub center: DVec3,

@@ -1,6 +1,6 @@
-//! Recorded motions of a gripper: its angle over time, as text with a header `t,angle` and a line a sample with
-//! seconds and radians. A recording of a session with a hinged tool is read as well: of its columns, `t` and
-//! `gripper`.
+//! Recorded motions of a gripper: its angle over time, as text with a header `t,angle` and a line a sample
+//! with seconds and radians. A recording of a session with a hinged tool is read as well: of its columns, `t`
+//! and `gripper`.
 
 use std::f64::consts::TAU;
 use std::fs::File;
@@ -69,8 +69,8 @@ impl AnglePath {
     /// Reads a recorded motion; `file` names the input in errors.
     ///
     /// # Errors
-    /// If the input cannot be read or has no sample, or its header or a line is not valid: with the line and a
-    /// remedy.
+    /// If the input cannot be read or has no sample, or its header or a line is not valid: with the line and
+    /// a remedy.
     pub fn read(input: impl BufRead, file: &Path) -> Result<Self, PathError> {
         let keyframes = read_samples(input, file, &FORMAT, keyframe)?;
         Ok(Self(MotionPath::from_checked(keyframes, Interpolation::Smooth)))

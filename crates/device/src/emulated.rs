@@ -7,12 +7,12 @@
 //! of the real device. The figures of the presets are approximate; see [`Emulation::preset`].
 //!
 //! Time advances in whole substeps, counted from the driver's time 0: the states depend on the times of the
-//! writes, not on how often the device is read between them, and two runs with the same calls are equal bit for
-//! bit. A read simulates at most [`Emulation::catch_up`] seconds; time beyond that is left out, for the handle
-//! and the hand alike, and counted in [`EmulatedDevice::skipped_time`].
+//! writes, not on how often the device is read between them, and two runs with the same calls are equal bit
+//! for bit. A read simulates at most [`Emulation::catch_up`] seconds; time beyond that is left out, for the
+//! handle and the hand alike, and counted in [`EmulatedDevice::skipped_time`].
 //!
-//! A device may have a gripper ([`EmulatedDevice::with_gripper`]), which emulated fingers hold and which moves
-//! independently of the handle.
+//! A device may have a gripper ([`EmulatedDevice::with_gripper`]), which emulated fingers hold and which
+//! moves independently of the handle.
 //!
 //! There is no end stop: a handle that leaves the workspace sets [`Status::OUTSIDE_WORKSPACE`] and moves on.
 
@@ -199,8 +199,8 @@ pub struct EmulatedDevice {
 }
 
 impl EmulatedDevice {
-    /// Adds a gripper, at rest at the angle that the fingers intend at time 0. Like the handle, it moves when it
-    /// is read, with the device's substep, catch-up and delay.
+    /// Adds a gripper, at rest at the angle that the fingers intend at time 0. Like the handle, it moves when
+    /// it is read, with the device's substep, catch-up and delay.
     ///
     /// # Errors
     /// If a parameter of the gripper is out of range, or an angle that the fingers are to hold is not finite.

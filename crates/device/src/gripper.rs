@@ -22,8 +22,8 @@ pub trait Gripper: Send {
 
     /// Commands `torque` (N·m) on the fingers until the next write.
     ///
-    /// A torque beyond the gripper's peak is clipped; one that is not finite is refused and zero is written in
-    /// its place. Either sets a flag in the next state read. Fails once the device is closed or lost.
+    /// A torque beyond the gripper's peak is clipped; one that is not finite is refused and zero is written
+    /// in its place. Either sets a flag in the next state read. Fails once the device is closed or lost.
     fn write(&mut self, torque: f64) -> Result<(), DeviceError>;
 }
 

@@ -2,9 +2,9 @@
 //! ([`EmulatedDevice`]), replay of a recorded motion ([`ReplayDevice`]), and devices reached by reports
 //! ([`link`]): HID devices ([`hid`]), Haply's ([`haply`]), and those of the makers' SDKs ([`sdk`]).
 //!
-//! SI units throughout. Poses, twists and wrenches are those of the handle's reference point, in the device's own
-//! axes, whose origin is the centre of the workspace. A wrench written to a device is the wrench that the device
-//! applies to the user's hand.
+//! SI units throughout. Poses, twists and wrenches are those of the handle's reference point, in the device's
+//! own axes, whose origin is the centre of the workspace. A wrench written to a device is the wrench that the
+//! device applies to the user's hand.
 //!
 //! Between opening and closing, `read` and `write` neither allocate, lock, log nor panic.
 
@@ -67,9 +67,9 @@ pub trait HapticDevice: Send {
 
     /// The handle's motion at the driver's time `now` (s; from 0, never running back).
     ///
-    /// The pose and the twist are always finite. A time that is not finite or lies before an earlier one gives
-    /// the state of the earlier one with [`Status::CLOCK`] set. Events since the previous read are in
-    /// [`DeviceState::status`]. Fails once the device is closed or lost.
+    /// The pose and the twist are always finite. A time that is not finite or lies before an earlier one
+    /// gives the state of the earlier one with [`Status::CLOCK`] set. Events since the previous read are
+    /// in [`DeviceState::status`]. Fails once the device is closed or lost.
     fn read(&mut self, now: f64) -> Result<DeviceState, DeviceError>;
 
     /// Commands `wrench` (N, N·m, about the handle's reference point) on the hand until the next write.

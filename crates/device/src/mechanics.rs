@@ -2,12 +2,12 @@
 //! hand's spring and damper.
 //!
 //! Translation and rotation are each m v̇ = f − b v − f_c v/‖v‖ + k_h (x_h − x) + b_h (v_h − v), with the
-//! hand's mass added to the handle's. The step is backward Euler: spring, dampers and friction are taken at the
-//! end of the step, so that it is stable for every step size and every parameter that is not negative. Because
-//! the friction's magnitude is the same in all directions, the implicit equation has a closed form: with p the
-//! momentum at the end of a step without friction and damping, the handle sticks (v = 0) if ‖p‖ ≤ h f_c, and
-//! friction takes h f_c off ‖p‖ otherwise. Backward Euler adds damping of its own, a ratio of about h ω/2 at
-//! the natural frequency ω: 0.3 % for a firm hand at h = 0.1 ms.
+//! hand's mass added to the handle's. The step is backward Euler: spring, dampers and friction are taken at
+//! the end of the step, so that it is stable for every step size and every parameter that is not negative.
+//! Because the friction's magnitude is the same in all directions, the implicit equation has a closed form:
+//! with p the momentum at the end of a step without friction and damping, the handle sticks (v = 0) if ‖p‖ ≤
+//! h f_c, and friction takes h f_c off ‖p‖ otherwise. Backward Euler adds damping of its own, a ratio of
+//! about h ω/2 at the natural frequency ω: 0.3 % for a firm hand at h = 0.1 ms.
 //!
 //! The rotational inertia is the same about every axis, so there is no gyroscopic torque. Gravity is absent,
 //! as if the device compensated it.
@@ -88,8 +88,8 @@ pub(crate) struct Impedance {
 }
 
 impl Impedance {
-    /// Velocity at the end of a step of `dt` (s) under a load (N or N·m). `offset` is the intended position less
-    /// the present one; `intended` is the intended velocity at the end of the step.
+    /// Velocity at the end of a step of `dt` (s) under a load (N or N·m). `offset` is the intended position
+    /// less the present one; `intended` is the intended velocity at the end of the step.
     pub fn velocity_after(
         &self,
         velocity: DVec3,
@@ -99,7 +99,8 @@ impl Impedance {
         dt: f64,
     ) -> DVec3 {
         // Backward Euler, with h = dt and the friction's direction that of v⁺:
-        // (m + h (b + b_h + h k_h)) v⁺ = m v + h (f + k_h (x_h − x) + b_h v_h) − h f_c v⁺/‖v⁺‖ = p − h f_c v⁺/‖v⁺‖
+        // (m + h (b + b_h + h k_h)) v⁺ = m v + h (f + k_h (x_h − x) + b_h v_h) − h f_c v⁺/‖v⁺‖ = p − h f_c
+        // v⁺/‖v⁺‖
         let momentum = velocity * self.inertia
             + (load + offset * self.hand_stiffness + intended * self.hand_damping) * dt;
         let magnitude = momentum.length();
@@ -129,7 +130,8 @@ mod tests {
         angular_friction: 0.0,
     };
 
-    /// Largest distance between the stepped motion and the analytic one of an underdamped oscillator, over 0.2 s.
+    /// Largest distance between the stepped motion and the analytic one of an underdamped oscillator, over
+    /// 0.2 s.
     fn error_against_analytic(dt: f64) -> f64 {
         let hand = Hand { mass: 0.1, damping: 2.0, stiffness: 300.0, ..Hand::GRIP };
         let (mass, damping, stiffness, start) = (0.2, 2.0, 300.0_f64, 0.03);

@@ -1,15 +1,16 @@
 //! A motion given by samples of a pose over time, as a curve with a pose and a twist at every instant.
 //!
-//! Between two samples the position is a cubic Hermite curve and the orientation is q(t) = exp(w(t)) q₀, where
-//! the rotation vector w (world axes) is a cubic Hermite curve from 0 to the short way round to the next
-//! sample. The twist is the exact derivative of the curve: with the left Jacobian J of the rotation group, ω =
-//! J(w) ẇ. (J and its inverse: T. D. Barfoot,
+//! Between two samples the position is a cubic Hermite curve and the orientation is q(t) = exp(w(t)) q₀,
+//! where the rotation vector w (world axes) is a cubic Hermite curve from 0 to the short way round to the
+//! next sample. The twist is the exact derivative of the curve: with the left Jacobian J of the rotation
+//! group, ω = J(w) ẇ. (J and its inverse: T. D. Barfoot,
 //! *State Estimation for Robotics*, 2017, §7.1.)
 //!
 //! [`Interpolation::Smooth`] takes the twist at a sample from a parabola through it and its neighbours (a
-//! central difference where the spacing is even), at most three times as fast as the slower of the two segments
-//! that meet there: a hold stays a hold, and unevenly spaced samples cannot fling the curve away. The twist is
-//! then continuous. [`Interpolation::Linear`] takes each segment's own mean twist (lerp and slerp).
+//! central difference where the spacing is even), at most three times as fast as the slower of the two
+//! segments that meet there: a hold stays a hold, and unevenly spaced samples cannot fling the curve away.
+//! The twist is then continuous. [`Interpolation::Linear`] takes each segment's own mean twist (lerp and
+//! slerp).
 
 use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
@@ -209,8 +210,8 @@ pub(crate) fn checked(mut keyframe: Keyframe, previous: Option<f64>) -> Result<K
     Ok(keyframe)
 }
 
-/// Twist of a smooth path at sample `i`: the derivative of the parabola through it and its neighbours, limited
-/// in speed; at an end, the mean twist of the one segment there.
+/// Twist of a smooth path at sample `i`: the derivative of the parabola through it and its neighbours,
+/// limited in speed; at an end, the mean twist of the one segment there.
 fn twist_at_sample(frames: &[Keyframe], i: usize) -> Twist {
     let mean = |a: usize, b: usize| {
         let duration = frames[b].time - frames[a].time;

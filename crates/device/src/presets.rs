@@ -31,8 +31,8 @@ impl Default for Emulation {
 impl Emulation {
     /// The emulation of a real device: one of [`Emulation::presets`].
     ///
-    /// Peak force, torque, stiffness and workspace are the maker's; the rest are typical figures of the class,
-    /// not measurements of a unit.
+    /// Peak force, torque, stiffness and workspace are the maker's; the rest are typical figures of the
+    /// class, not measurements of a unit.
     pub fn preset(name: &str) -> Option<Self> {
         let specification = specification(name)?;
         let handle = specification.handle?;

@@ -1,9 +1,9 @@
 //! Encoders of an emulated device: position and orientation rounded to whole steps, and a velocity estimated
 //! from them.
 //!
-//! Position is rounded along each axis of the device, orientation along each component of its rotation vector,
-//! which moves it by at most √3/2 steps. A real device rounds its joint angles; the size of the error is the
-//! same, its pattern is not.
+//! Position is rounded along each axis of the device, orientation along each component of its rotation
+//! vector, which moves it by at most √3/2 steps. A real device rounds its joint angles; the size of the error
+//! is the same, its pattern is not.
 //!
 //! The velocity is the difference of successive rounded readings through a [`LowPass`].
 

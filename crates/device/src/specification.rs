@@ -67,8 +67,8 @@ pub struct Specification {
     /// Delay of the reported twist behind the handle's motion, s.
     pub velocity_delay: f64,
     /// Time from a motion of the handle to the wrench that answers it, beyond the sampling of the haptic
-    /// loop, s: the latency of the connection in both directions. 0 if a wrench takes effect as soon as it is
-    /// written. The longer it is, the softer the coupling is chosen and the slower its damper.
+    /// loop, s: the latency of the connection in both directions. 0 if a wrench takes effect as soon as it
+    /// is written. The longer it is, the softer the coupling is chosen and the slower its damper.
     ///
     /// A device reached by messages sends a reading with one message and is answered after the next: its
     /// delay is the time between two messages plus the time in which an answer takes effect. Drivers of

@@ -55,8 +55,8 @@ pub struct VirtualCoupling {
     pub angular_stiffness: f64,
     /// b_θ, N·m·s/rad.
     pub angular_damping: f64,
-    /// The device frame in the body frame when grasped: the coupling position **c** about the centre of mass,
-    /// m, and the coupling orientation q_c, both in body axes.
+    /// The device frame in the body frame when grasped: the coupling position **c** about the centre of
+    /// mass, m, and the coupling orientation q_c, both in body axes.
     pub grasp: Pose,
     /// Limit of the linear spring's force, N; infinite for a linear spring.
     pub max_force: f64,

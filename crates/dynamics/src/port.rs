@@ -122,8 +122,8 @@ pub struct PortAxes {
     /// Largest stiffness that the maker states as stable at 1 kHz (N/m, N·m/rad). Infinite if there is no
     /// limit, 0 if nothing is rendered.
     pub stiffness: f64,
-    /// Largest virtual damping that the maker states as stable at 1 kHz (N·s/m, N·m·s/rad). Used if `viscous`
-    /// is not known.
+    /// Largest virtual damping that the maker states as stable at 1 kHz (N·s/m, N·m·s/rad). Used if
+    /// `viscous` is not known.
     pub damping: f64,
     /// Viscous damping b of the handle itself (N·s/m, N·m·s/rad).
     pub viscous: Option<f64>,

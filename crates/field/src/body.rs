@@ -35,8 +35,8 @@ pub struct FieldOptions {
     /// Largest distance known on either side of the surface, m: no query looks further, and bodies that
     /// penetrate deeper push as if they were this deep.
     pub band: f64,
-    /// Memory for the body, in bytes. Bodies that are large in comparison with d are sampled more coarsely to
-    /// fit.
+    /// Memory for the body, in bytes. Bodies that are large in comparison with d are sampled more coarsely
+    /// to fit.
     pub memory: usize,
 }
 

@@ -74,8 +74,8 @@ pub struct Trace {
     pub rate: f64,
     /// Contact rate, Hz.
     pub contact_rate: f64,
-    /// Durations of haptic steps, including reading and writing the emulated device, s. They vary from run to
-    /// run.
+    /// Durations of haptic steps, including reading and writing the emulated device, s. They vary from run
+    /// to run.
     pub step_times: Vec<f64>,
     /// Stiffness of the virtual coupling, N/m.
     pub coupling_stiffness: f64,

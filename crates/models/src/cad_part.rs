@@ -45,8 +45,8 @@ const THREAD_AMPLITUDE: f64 = 0.4;
 struct Hole {
     /// Middle on the flat plate, measured from the base's free end and from the middle line.
     center: DVec2,
-    /// Half the side of the square of the grid that makes room for it, and of the square that is drawn out of
-    /// shape.
+    /// Half the side of the square of the grid that makes room for it, and of the square that is drawn out
+    /// of shape.
     half: f64,
     room: f64,
     /// Corners of its profile as (radius, height over the middle surface), from the inner to the outer face.

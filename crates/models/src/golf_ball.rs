@@ -34,8 +34,8 @@ pub(crate) fn build(triangles: usize) -> TriMesh {
 struct GolfBall {
     /// Unit vectors to the dimples' centres.
     dimples: Vec<DVec3>,
-    /// For each cell of a grid over the cube [-1, 1]³, the dimples that may be the nearest for a direction in
-    /// it.
+    /// For each cell of a grid over the cube [-1, 1]³, the dimples that may be the nearest for a direction
+    /// in it.
     near: Vec<Vec<u16>>,
 }
 

@@ -91,8 +91,8 @@ fn lattice(edge: f64, stretch: f64) -> BoxLattice {
         cells: [
             cells(LENGTH, edge * stretch, 8),
             cells(22.0, edge / stretch, 2),
-            // The rim's own middle line gives the spoon its length; on the coarsest meshes it would only make
-            // slivers.
+            // The rim's own middle line gives the spoon its length; on the coarsest meshes it would only
+            // make slivers.
             cells(4.0, edge * stretch, if edge < 7.0 { 2 } else { 1 }),
         ],
         windows: Vec::new(),

@@ -1,6 +1,7 @@
 //! Comparison of the forces of sessions that find contacts by levels of detail and as representatives.
 //!
-//! `search_forces PROBE SCENE [--scale S] [--seconds N] [--clusters K] [--task NAME] [--press M] [--path T.csv] [--height M --screw PITCH] [--no-levels] [--exact]`
+//! `search_forces PROBE SCENE [--scale S] [--seconds N] [--clusters K] [--task NAME] [--press M] [--path
+//! T.csv] [--height M --screw PITCH] [--no-levels] [--exact]`
 //!
 //! It records the path of an emulated device whose hand does a task in the scene, reads a path from a file,
 //! or makes the path of a nut on a thread; lowers the path by a length along z; and replays it in sessions

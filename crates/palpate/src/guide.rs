@@ -17,7 +17,6 @@
 //! programs do not see it. Every example is a test.
 
 /// Two loops, levels of detail, the virtual coupling and the tolerance, in four pictures.
-///
 #[doc = include_str!("../docs/guide/concepts/loops.md")]
 #[doc = include_str!("../docs/guide/concepts/loops.svg")]
 #[doc = ""]
@@ -34,41 +33,33 @@
 pub mod concepts {}
 
 /// An object in the hand, one around it, a device, and a session.
-///
 #[doc = include_str!("../docs/guide/first-scene.md")]
 pub mod first_scene {}
 
 /// Steps from a mesh file to an object that is felt.
-///
 #[doc = include_str!("../docs/guide/own-models.md")]
 pub mod own_models {}
 
 /// Contacts, distances and forces of two objects, without a session.
-///
 #[doc = include_str!("../docs/guide/contact-queries.md")]
 pub mod contact_queries {}
 
 /// Detail that may be left out, and the time that this saves.
-///
 #[doc = include_str!("../docs/guide/choosing-accuracy.md")]
 pub mod choosing_accuracy {}
 
 /// Causes of instability, and remedies when a session buzzes.
-///
 #[doc = include_str!("../docs/guide/stability.md")]
 pub mod stability {}
 
 /// Names of devices, how to open them, and how to write a driver.
-///
 #[doc = include_str!("../docs/guide/devices.md")]
 pub mod devices {}
 
 /// Sessions in a program's own threads or beside them.
-///
 #[doc = include_str!("../docs/guide/embedding.md")]
 pub mod embedding {}
 
 /// Symptom, cause, remedy.
-///
 #[doc = include_str!("../docs/guide/troubleshooting.md")]
 pub mod troubleshooting {}

@@ -9,7 +9,6 @@
 //! The parts are separate crates, re-exported here: [`core`], [`collide`], [`dynamics`] and [`device`] for
 //! sessions, [`mesh_io`] and [`clod_build`] for offline work, and the built-in `models` with the feature of
 //! that name.
-//!
 #![cfg_attr(
     any(doc, all(doctest, feature = "models")),
     doc = "The [guide](guide) leads from the concepts to embedding and troubleshooting."

@@ -30,7 +30,8 @@ pub struct TexelReport {
     /// Largest ratio of a texel's longest to its shortest extent, which are the singular values of the map
     /// from texels to the surface. 1 if texels are squares, and 0 if no triangle counts.
     pub largest_stretch: f64,
-    /// Number of triangles without area in the texture: each is displaced by the texels of a line or a point.
+    /// Number of triangles without area in the texture: each is displaced by the texels of a line or a
+    /// point.
     pub zero_area: usize,
     /// Warnings for the user, one line each.
     pub warnings: Vec<String>,

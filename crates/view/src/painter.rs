@@ -53,8 +53,8 @@ pub struct Painter {
     device: Device,
     queue: Queue,
     layout: BindGroupLayout,
-    /// Pipelines for opaque objects, depth alone, patches over their surface, patches behind objects, and the
-    /// translucent probe.
+    /// Pipelines for opaque objects, depth alone, patches over their surface, patches behind objects, and
+    /// the translucent probe.
     solid: RenderPipeline,
     depth_alone: RenderPipeline,
     over: RenderPipeline,

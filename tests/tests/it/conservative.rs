@@ -129,7 +129,8 @@ struct Tally {
     /// Regions seen from behind.
     behind: usize,
     minima: usize,
-    /// Convex queries that ended by rounding or by their bound on iterations: their result is still compared.
+    /// Convex queries that ended by rounding or by their bound on iterations: their result is still
+    /// compared.
     not_converged: usize,
     /// Largest distance of a close pair from a contact of its region, in the probe's radii.
     farthest: f64,

@@ -43,6 +43,7 @@ fn modules(krate: &str) -> BTreeMap<Module, PathBuf> {
 /// Paths that a file names, from the crate's root, outside its tests.
 struct Paths<'a> {
     module: &'a [String],
+    modules: &'a BTreeMap<Module, PathBuf>,
     found: BTreeSet<Module>,
 }
 
@@ -53,6 +54,10 @@ impl Paths<'_> {
             "crate" => &[],
             "self" => self.module,
             "super" => &self.module[..self.module.len().saturating_sub(1)],
+            child if self.modules.contains_key(&[self.module, &[child.to_owned()]].concat()) => {
+                self.found.insert([self.module, path].concat());
+                return;
+            }
             _ => return,
         };
         self.found.insert([base, rest].concat());
@@ -102,7 +107,7 @@ fn uses(krate: &str) -> BTreeMap<Module, BTreeSet<Module>> {
     let used_by = |(module, path): (&Module, &PathBuf)| {
         let text = fs::read_to_string(path).expect("a source");
         let file = syn::parse_file(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
-        let mut paths = Paths { module, found: BTreeSet::new() };
+        let mut paths = Paths { module, modules: &modules, found: BTreeSet::new() };
         paths.visit_file(&file);
         let owner =
             |named: &Module| (1..=named.len()).rev().find_map(|len| modules.get_key_value(&named[..len]));

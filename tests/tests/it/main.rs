@@ -4,6 +4,7 @@ mod articulated;
 mod built_in_models;
 mod clod_mutations;
 mod collision_events;
+mod comments;
 mod conservative;
 mod contact_query;
 mod contact_state;

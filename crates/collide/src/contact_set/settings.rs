@@ -13,8 +13,8 @@ pub struct ContactSetSettings {
     /// default): one contact for each region. Not negative.
     ///
     /// A region that surrounds something, as that of a peg in a tight hole, needs several contacts for a
-    /// correct force. [`ContactSet::noticeable_spacing`](crate::ContactSet::noticeable_spacing) is a suitable
-    /// value.
+    /// correct force. [`ContactSet::noticeable_spacing`](crate::ContactSet::noticeable_spacing) is a
+    /// suitable value.
     pub spacing: f64,
     /// Largest number of vertices whose distance from the other surface is measured. With more, depths are
     /// lower bounds, and [`ContactSetOutcome::truncated`] is set.

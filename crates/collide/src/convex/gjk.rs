@@ -29,11 +29,11 @@ pub struct Limits {
     /// Stop as soon as the hulls are known to be further apart than this, m. Hulls that touch to within the
     /// precision never are.
     pub beyond: f64,
-    /// Share of the distance in excess of `beyond` that has to be proven before the search stops there: 0 for
-    /// none, near 1 for all of it.
+    /// Share of the distance in excess of `beyond` that has to be proven before the search stops there: 0
+    /// for none, near 1 for all of it.
     pub share: f64,
-    /// Stop as soon as the hulls are known to be at most this far apart, m. With a negative number the search
-    /// goes on to the distance itself.
+    /// Stop as soon as the hulls are known to be at most this far apart, m. With a negative number the
+    /// search goes on to the distance itself.
     pub enough: f64,
     /// Difference below which bounds are equal, and distance below which hulls touch, m.
     pub precision: f64,
@@ -67,13 +67,13 @@ pub enum Separation {
 pub struct Distance {
     /// Relation of the hulls.
     pub separation: Separation,
-    /// Distance (an upper bound, exact unless the search was stopped early), m. For hulls beyond the limit it
-    /// is infinite when the first axis already separates them.
+    /// Distance (an upper bound, exact unless the search was stopped early), m. For hulls beyond the limit
+    /// it is infinite when the first axis already separates them.
     pub distance: f64,
     /// Lower bound on the distance, m; 0 when overlapping.
     pub lower: f64,
-    /// Unit direction from b to a along which the lower bound separates the hulls, in a's frame; zero without
-    /// one.
+    /// Unit direction from b to a along which the lower bound separates the hulls, in a's frame; zero
+    /// without one.
     pub direction: DVec3,
     /// The vector from b to a between the nearest points found, in a's frame, m.
     pub axis: DVec3,

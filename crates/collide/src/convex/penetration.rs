@@ -39,9 +39,9 @@ const NONE: u16 = u16::MAX;
 /// The answer of a penetration query. Points and directions are in a's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Penetration {
-    /// Depth along [`normal`](Self::normal), m: the distance that b has to move along it until the hulls only
-    /// touch. 0 if they touch or the Minkowski difference is flat; negative if the hulls are apart along the
-    /// normal.
+    /// Depth along [`normal`](Self::normal), m: the distance that b has to move along it until the hulls
+    /// only touch. 0 if they touch or the Minkowski difference is flat; negative if the hulls are apart
+    /// along the normal.
     pub depth: f64,
     /// Unit normal, pointing out of a.
     pub normal: DVec3,

@@ -47,7 +47,8 @@ pub struct QueryOutcome {
     pub front_overflow: bool,
     /// Whether a time-critical query had to stop before all pairs were fine enough.
     pub out_of_budget: bool,
-    /// Largest s*/s₀ at which a time-critical query stopped. If s₀ is 0, it only shows whether there was any.
+    /// Largest s*/s₀ at which a time-critical query stopped. If s₀ is 0, it only shows whether there was
+    /// any.
     pub worst_deviation: f64,
     /// Whether a buffer grew during this query, which was larger than any before.
     pub reallocated: bool,

@@ -14,7 +14,8 @@ use crate::tolerances::TURN_SLACK;
 /// A direction along which two hulls were apart, with their separation.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SeparatingAxis {
-    /// Unit vector in the frame of the larger node's body; it points from the smaller hull to the larger one.
+    /// Unit vector in the frame of the larger node's body; it points from the smaller hull to the larger
+    /// one.
     direction: DVec3,
     /// Separation of the hulls then, plus the smaller node's centre along the direction then, m.
     offset: f64,

@@ -21,8 +21,8 @@ pub struct QuerySettings {
     /// Budget of a time-critical query, which refines pairs in the order of s*/s₀ and stops when it is spent
     /// ([`QueryOutcome::out_of_budget`](crate::QueryOutcome::out_of_budget)).
     pub budget: Option<Budget>,
-    /// Whether many pairs are examined on all threads of the current rayon pool, with the same answer. It has
-    /// no effect on time-critical queries.
+    /// Whether many pairs are examined on all threads of the current rayon pool, with the same answer. It
+    /// has no effect on time-critical queries.
     pub parallel: bool,
 }
 

@@ -28,7 +28,8 @@ pub struct ValidationReport {
     pub triangles: usize,
     /// Whether there are triangles, and every edge belongs to exactly two.
     pub closed: bool,
-    /// Whether no edge belongs to more than two triangles, and the triangles around each vertex form one fan.
+    /// Whether no edge belongs to more than two triangles, and the triangles around each vertex form one
+    /// fan.
     pub manifold: bool,
     /// Whether no two triangles that share an edge disagree on which side is outside.
     pub oriented: bool,

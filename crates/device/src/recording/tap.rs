@@ -13,8 +13,8 @@ use crate::{DeviceError, DeviceState, Gripper, HapticDevice, Specification, Stat
 /// Capacity of the queue, in readings: four seconds at 1 kHz.
 const QUEUE_CAPACITY: usize = 4096;
 
-/// A device whose readings are also queued for a recorder; those of its gripper are not. It neither waits nor allocates: readings that are
-/// not taken in time are lost and counted.
+/// A device whose readings are also queued for a recorder; those of its gripper are not. It neither waits nor
+/// allocates: readings that are not taken in time are lost and counted.
 pub struct Tap<D> {
     device: D,
     latest: DeviceState,

@@ -22,8 +22,8 @@
 //! - Signatures, constants and their units: the makers' headers, as public repositories have them (dhdc.h of
 //!   SDK 3.7, hd*.h of OpenHaptics 3.0, VirtuoseAPI.h of 4.04).
 //! - Public wrappers: millimetres and mN·m of OpenHaptics, its axes and its order of closing; the watchdog's
-//!   unit of 125 µs and its expert mode; the modes and the 2 s of Haption's controller; the libraries' names on
-//!   Linux and Windows.
+//!   unit of 125 µs and its expert mode; the modes and the 2 s of Haption's controller; the libraries' names
+//!   on Linux and Windows.
 //! - General knowledge: Force Dimension's axes, the origins, the threads from which calls may be made, names
 //!   on macOS.
 //!

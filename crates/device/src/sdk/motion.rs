@@ -49,8 +49,8 @@ impl Motion for SdkMotion {
             let center = *self.center.get_or_insert(place);
             let rotation = DQuat::from_array(sample.orientation).normalize();
             let before = std::mem::replace(&mut self.pose, Pose::new(place - center, rotation));
-            // Rotations do not add, but the small one between two reports does nearly: its rate is estimated from
-            // the sum.
+            // Rotations do not add, but the small one between two reports does nearly: its rate is estimated
+            // from the sum.
             self.turned += before.rotation_vector_to(&self.pose);
             let estimated =
                 (self.linear.push(now, self.pose.translation), self.angular.push(now, self.turned));

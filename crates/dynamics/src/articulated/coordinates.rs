@@ -36,8 +36,8 @@ pub(super) struct Follower {
     pub axis: DVec3,
     /// J.
     pub columns: Columns,
-    /// S, the derivative of J u_0 by the placement: its linear part by the rotation φ and by the angle q, its
-    /// angular part by φ.
+    /// S, the derivative of J u_0 by the placement: its linear part by the rotation φ and by the angle q,
+    /// its angular part by φ.
     turning: (DMat3, DVec3, DMat3),
 }
 

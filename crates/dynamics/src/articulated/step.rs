@@ -54,8 +54,8 @@ pub struct ArticulatedFrame<'a> {
     pub tool: &'a ArticulatedBody,
     /// The device, taken to keep this pose and velocity for the whole step.
     pub device: &'a DeviceMotion,
-    /// Virtual coupling of the device to the first body; the grasp is in that body's axes, from its centre of
-    /// mass.
+    /// Virtual coupling of the device to the first body; the grasp is in that body's axes, from its centre
+    /// of mass.
     pub coupling: &'a VirtualCoupling,
     /// The gripper, taken to keep this angle and rate for the whole step.
     pub gripper: &'a GripperMotion,

@@ -26,8 +26,8 @@ pub enum StepFailure {
 pub struct StepStatus {
     /// Set if no step was taken: the state is held and the wrenches are zero.
     pub failure: Option<StepFailure>,
-    /// The set of pushing contacts was still changing when the search ended. No contact attracts, but one may
-    /// have been left out of this step.
+    /// The set of pushing contacts was still changing when the search ended. No contact attracts, but one
+    /// may have been left out of this step.
     pub active_set_unsettled: bool,
     /// The step was taken without geometric stiffness, because with it the linear system was not a
     /// prediction.

@@ -21,8 +21,8 @@ pub(crate) struct Surface {
     pub vertices: Vec<DVec3>,
     /// Indices of `vertices`, all in range.
     pub triangles: Vec<[u32; 3]>,
-    /// Texture coordinates of each triangle's corners, v = 0 on the image's first row; may be infinite or not
-    /// a number. Empty unless asked for.
+    /// Texture coordinates of each triangle's corners, v = 0 on the image's first row; may be infinite or
+    /// not a number. Empty unless asked for.
     pub coordinates: Vec<[DVec2; 3]>,
     /// The image of fine detail, if asked for and present.
     pub height_texture: Option<HeightTexture>,

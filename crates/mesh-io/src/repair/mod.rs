@@ -39,8 +39,8 @@ use crate::weld::{self, equal_positions};
 pub struct RepairSummary {
     /// Triangles dropped because a corner is infinite or not a number.
     pub nonfinite_triangles: usize,
-    /// Triangles removed because two corners are at the same position, or the height over the longest side is
-    /// below 10⁻¹² bounding radii.
+    /// Triangles removed because two corners are at the same position, or the height over the longest side
+    /// is below 10⁻¹² bounding radii.
     pub degenerate_triangles: usize,
     /// Triangles dropped because an earlier one has the same three positions, in either orientation.
     pub duplicate_triangles: usize,

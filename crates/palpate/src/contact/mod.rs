@@ -31,7 +31,7 @@ use self::group::ContactGroup;
 use self::in_scene::{InScene, objects_of};
 use self::lookahead::Lookahead;
 pub(crate) use self::search::ByLevels;
-use self::search::choose;
+use self::search::{RESERVED, choose};
 use self::touching::Patches;
 use crate::contact::monitor::{ContactMonitor, MonitorFeed};
 use crate::contact::proxy::{LevelFinder, Proxy};
@@ -44,10 +44,6 @@ use crate::scene::object::Object;
 use crate::settings::live::{ContactTuning, Ramp};
 use crate::settings::{DetailSettings, SearchSettings, Settings};
 use crate::telemetry::ContactTelemetry;
-
-/// Number of scene objects with a full workspace from the start. Those of further objects are allocated, or
-/// grow, when they are first within reach.
-const RESERVED: usize = 16;
 
 /// Error of making a contact loop.
 #[derive(Debug, thiserror::Error)]

@@ -61,8 +61,8 @@ pub struct RepresentativeOutcome {
     pub error: f64,
     /// `false` if the time limit stopped the query before it was finished.
     pub is_complete: bool,
-    /// Whether the objects penetrate deeper than their fields reach, so that contacts push by less than their
-    /// depth.
+    /// Whether the objects penetrate deeper than their fields reach, so that contacts push by less than
+    /// their depth.
     pub is_too_deep: bool,
     /// Number of distances looked up at places of either surface, counting four places as one.
     pub asked: usize,

@@ -3,11 +3,14 @@
 
 use std::fmt;
 
-use super::RESERVED;
 use super::by_fields::{ByFields, FieldNeeds};
 use crate::contact::representative::FieldError;
 use crate::scene::object::Object;
 use crate::settings::{ContactSearch, Settings};
+
+/// Number of scene objects with a full workspace from the start. Those of further objects are allocated, or
+/// grow, when they are first within reach.
+pub(super) const RESERVED: usize = 16;
 
 /// Largest fraction of an object's surface area that may bound thin walls; ends of edges sharper than 45° do.
 /// With more, fields confuse the two sides of walls.

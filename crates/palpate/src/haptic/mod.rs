@@ -1,4 +1,5 @@
-//! The haptic loop (§5.1.2): read the device, move the grasped object by a step of the integrator, send the coupling wrench.
+//! The haptic loop (§5.1.2): read the device, move the grasped object by a step of the integrator, send the
+//! coupling wrench.
 //!
 //! A step never allocates, locks, blocks or panics; faults are counted in [`HapticTelemetry::events`].
 
@@ -43,8 +44,8 @@ use crate::tool::{Hand, Tool, ToolStep};
 
 /// The state of the haptic loop: the tool, its coupling to the device and the newest contact models.
 ///
-/// The wrench and the torque of a gripper come up, fade and end together: where either the device or the gripper is lost, neither is
-/// sent.
+/// The wrench and the torque of a gripper come up, fade and end together: where either the device or the
+/// gripper is lost, neither is sent.
 ///
 /// A clone has neither followers nor reactions, and no settings editor reaches it.
 #[derive(Clone, Debug)]
@@ -93,30 +94,31 @@ pub(crate) struct LoopSettings {
     pub period: f64,
 }
 
-/// Energy that contacts may store for each joule in the coupling and in the body's motion: contacts are at least as stiff as the
-/// coupling, so at most as much again.
+/// Energy that contacts may store for each joule in the coupling and in the body's motion: contacts are at
+/// least as stiff as the coupling, so at most as much again.
 const STORED_IN_CONTACTS: f64 = 1.0;
 
-/// Longest time that a step integrates: the larger of this many periods and this many s. Longer steps of an unstable host would throw the
-/// object; shorter ones would leave it behind a slow host.
+/// Longest time that a step integrates: the larger of this many periods and this many s. Longer steps of an
+/// unstable host would throw the object; shorter ones would leave it behind a slow host.
 const MAX_STEP: (f64, f64) = (5.0, 0.02);
 
-/// Motion of the hand, m and rad, during the part of a late step that is not integrated, from which on the wrench comes up anew: the
-/// object is left behind by as much, and would be dragged after it.
+/// Motion of the hand, m and rad, during the part of a late step that is not integrated, from which on the
+/// wrench comes up anew: the object is left behind by as much, and would be dragged after it.
 const MAX_LATE_MOTION: (f64, f64) = (2e-3, 0.05);
 
 /// Number of failed steps in a row after which the tool is placed where the hand is.
 const MAX_FAILED_STEPS: u32 = 20;
 
-/// The time since the last step, and the part of it that a step integrates, s. An invalid `dt` counts as 0, a long one as `longest`.
-/// `since` is by the clock, and wins over a host's smaller `dt`.
+/// The time since the last step, and the part of it that a step integrates, s. An invalid `dt` counts as 0, a
+/// long one as `longest`. `since` is by the clock, and wins over a host's smaller `dt`.
 fn times_of_step(since: f64, dt: f64, longest: f64) -> (f64, f64) {
     let integrated = if dt > 0.0 && dt.is_finite() { dt.min(longest) } else { 0.0 };
     (since.max(integrated), integrated)
 }
 
 impl<T: Tool> HapticLoop<T> {
-    /// Starts with the tool at rest at the device; `radii` are its bodies' bounding radii about their centres of mass, m.
+    /// Starts with the tool at rest at the device; `radii` are its bodies' bounding radii about their centres
+    /// of mass, m.
     pub(crate) fn new(
         tool: T,
         settings: LoopSettings,
@@ -155,18 +157,20 @@ impl<T: Tool> HapticLoop<T> {
         self.tool.coupling()
     }
 
-    /// The [grasp](crate::settings::ToolSettings::grasp) that the coupling holds the tool at, in the first mesh's frame.
+    /// The [grasp](crate::settings::ToolSettings::grasp) that the coupling holds the tool at, in the first
+    /// mesh's frame.
     pub fn grasp(&self) -> &Pose {
         &self.grasp
     }
 
-    /// The mapping of the device's workspace into the world, for its handle; each release of the clutch moves it.
+    /// The mapping of the device's workspace into the world, for its handle; each release of the clutch moves
+    /// it.
     pub fn mapping(&self) -> &DeviceMapping {
         self.workspace.mapping()
     }
 
-    /// Engages the clutch from the next step on, or releases it. While it is engaged, by this or by its button, the device moves without
-    /// the tool, which stays where it is held. A gripper has no clutch.
+    /// Engages the clutch from the next step on, or releases it. While it is engaged, by this or by its
+    /// button, the device moves without the tool, which stays where it is held. A gripper has no clutch.
     pub fn set_clutch(&mut self, held: bool) {
         self.workspace.ask_clutch(held);
     }
@@ -186,8 +190,8 @@ impl<T: Tool> HapticLoop<T> {
         &mut self.telemetry
     }
 
-    /// Puts a newer contact model of a body into use: [gradually](ContactBlend), over the time between the last two models, at most
-    /// [`ContactBlend::MAX_DURATION`].
+    /// Puts a newer contact model of a body into use: [gradually](ContactBlend), over the time between the
+    /// last two models, at most [`ContactBlend::MAX_DURATION`].
     pub(crate) fn take_model(&mut self, body: usize, update: &ContactUpdate) {
         let state = self.tool.body_state(body);
         let Some(BodyContacts { blend, found, .. }) = self.bodies.get_mut(body) else { return };
@@ -208,8 +212,8 @@ impl<T: Tool> HapticLoop<T> {
         self.bodies.iter().map(|body| body.found.contacts).sum()
     }
 
-    /// Takes one step of `dt` seconds up to time `now` (s) on a device: reads it, steps and writes the wrench. A device that does not
-    /// answer is assumed to stand still, and is sent no wrench.
+    /// Takes one step of `dt` seconds up to time `now` (s) on a device: reads it, steps and writes the
+    /// wrench. A device that does not answer is assumed to stand still, and is sent no wrench.
     pub fn step_device(&mut self, device: &mut dyn HapticDevice, now: f64, dt: f64) -> T::Record {
         let state = device.read(now).map_err(|error| self.keep_device_error(error)).ok();
         let angle = self.gripper.is_some().then(|| self.read_gripper(device, now));
@@ -218,14 +222,16 @@ impl<T: Tool> HapticLoop<T> {
         if let Err(error) = device.write(&sent) {
             self.telemetry.events.device_refused += u64::from(state.is_some());
             self.keep_device_error(error);
-            // The wrench that it now renders is unknown; when it accepts wrenches again they come up from zero.
+            // The wrench that it now renders is unknown; when it accepts wrenches again they come up from
+            // zero.
             self.presence.release();
             self.output.forget();
         }
         record
     }
 
-    /// Reads the angle of the device's gripper at `now` (s), rad; NaN, a bad reading, where it does not answer.
+    /// Reads the angle of the device's gripper at `now` (s), rad; NaN, a bad reading, where it does not
+    /// answer.
     fn read_gripper(&self, device: &mut dyn HapticDevice, now: f64) -> f64 {
         let read = device.gripper().map(|gripper| gripper.read(now));
         match read {
@@ -267,8 +273,8 @@ impl<T: Tool> HapticLoop<T> {
         let _ = self.outputs.device_error.set(error);
     }
 
-    /// Takes one step with the readings of device and gripper (rad), without a device if it did not answer. Returns the record, and the
-    /// wrench to send.
+    /// Takes one step with the readings of device and gripper (rad), without a device if it did not answer.
+    /// Returns the record, and the wrench to send.
     pub(crate) fn advance(
         &mut self,
         device: Option<&DeviceState>,
@@ -321,8 +327,8 @@ impl<T: Tool> HapticLoop<T> {
         (self.record(&handle, &step, sent), sent)
     }
 
-    /// Takes the readings of device and gripper, `elapsed` (s) after the last ones, of which a step integrates `dt` (s). Returns the worse
-    /// of the two results.
+    /// Takes the readings of device and gripper, `elapsed` (s) after the last ones, of which a step
+    /// integrates `dt` (s). Returns the worse of the two results.
     fn read(
         &mut self,
         device: Option<&DeviceState>,
@@ -344,7 +350,8 @@ impl<T: Tool> HapticLoop<T> {
             self.presence.release();
             self.output.forget();
         }
-        // The hand may have moved while it was lost; the mapping moves instead, so that the tool is not dragged after it.
+        // The hand may have moved while it was lost; the mapping moves instead, so that the tool is not
+        // dragged after it.
         if of_device == Reading::Back && self.output.limits().renders {
             let rebased = self.workspace.rebase(&before, &self.tracking.state().pose);
             events.rebased += u64::from(rebased);
@@ -401,7 +408,8 @@ impl<T: Tool> HapticLoop<T> {
         self.outputs.tunings = Some(tunings);
     }
 
-    /// Publishes the first body's motion and, if a step of `dt` (s) was taken, its contacts' forces on the scene.
+    /// Publishes the first body's motion and, if a step of `dt` (s) was taken, its contacts' forces on the
+    /// scene.
     fn publish(&mut self, taken: bool, dt: f64) {
         let reacting = &mut self.outputs.reacting;
         if taken {
@@ -419,7 +427,8 @@ impl<T: Tool> HapticLoop<T> {
         }
     }
 
-    /// Pose of the first mesh's frame, and the velocity of its origin with the angular velocity, in the world.
+    /// Pose of the first mesh's frame, and the velocity of its origin with the angular velocity, in the
+    /// world.
     pub(crate) fn motion(&self) -> (Pose, Twist) {
         let (pose, state) = (self.tool.object_pose(0), self.tool.body_state(0));
         let arm = pose.translation - state.pose.translation;
@@ -438,7 +447,8 @@ impl<T: Tool> HapticLoop<T> {
         output
     }
 
-    /// Counts the energy that flowed over the last period. Returns the largest energy that may come back, J at the device.
+    /// Counts the energy that flowed over the last period. Returns the largest energy that may come back, J
+    /// at the device.
     fn observe(&mut self, hand: &Hand) -> f64 {
         let scale = self.workspace.mapping().scale;
         let stored = (1.0 + STORED_IN_CONTACTS) * self.tool.energy(hand) / (scale * scale);
@@ -451,7 +461,8 @@ impl<T: Tool> HapticLoop<T> {
         stored
     }
 
-    /// Raises or lowers the share of the wrench, and counts why. Returns the time since contact models have been overdue, s.
+    /// Raises or lowers the share of the wrench, and counts why. Returns the time since contact models have
+    /// been overdue, s.
     fn pass(&mut self, failed: bool, now: f64, dt: f64) -> f64 {
         let since = |found: &ModelData| now - if found.time.is_nan() { self.started } else { found.time };
         let waited = self.bodies.iter().map(|body| since(&body.found)).fold(f64::NEG_INFINITY, f64::max);

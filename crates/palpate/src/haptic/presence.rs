@@ -8,8 +8,8 @@ pub(crate) const FADE: f64 = 0.05;
 /// The shares that the wrench is multiplied by. All change in time between 0 and 1, along a smooth curve.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Presence {
-    /// Share by the contact models: falls while they are overdue, or were found far from the object's present
-    /// pose.
+    /// Share by the contact models: falls while they are overdue, or were found far from the object's
+    /// present pose.
     fresh: f64,
     /// Share by the engagement: rises after the start and after a failure of the device or the step, falls
     /// while the clutch is held.

@@ -169,8 +169,8 @@ pub struct ContactSummary {
     pub rate_hz: f64,
     /// Duration of a query with clustering and linearisation, µs.
     pub query_us: Percentiles,
-    /// Number of queries that took longer in real time than the simulated time between two queries, and would
-    /// have missed this contact rate; `None` in real time.
+    /// Number of queries that took longer in real time than the simulated time between two queries, and
+    /// would have missed this contact rate; `None` in real time.
     pub longer_than_slot: Option<u64>,
 }
 

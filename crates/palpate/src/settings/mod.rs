@@ -80,10 +80,10 @@ impl Default for ContactSettings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CouplingSettings {
-    /// Stiffness k_c of the virtual coupling, N/m. By default the stiffness that the device renders passively
-    /// with a margin, at most half of the maximum stable stiffness that its maker states
-    /// ([`VirtualCoupling::auto`](palpate_dynamics::VirtualCoupling::auto)); 500 N/m where the device sets no
-    /// limit.
+    /// Stiffness k_c of the virtual coupling, N/m. By default the stiffness that the device renders
+    /// passively with a margin, at most half of the maximum stable stiffness that its maker states
+    /// ([`VirtualCoupling::auto`](palpate_dynamics::VirtualCoupling::auto)); 500 N/m where the device sets
+    /// no limit.
     pub stiffness: Option<f64>,
     /// Damping b_c of the virtual coupling, N·s/m; by default critical.
     pub damping: Option<f64>,
@@ -104,8 +104,9 @@ pub struct DetailSettings {
     /// Error threshold s₀, m: contacts leave out detail whose deviation, averaged over the area of contact,
     /// is at most this (§3.4.3). 0, the default, for full resolution.
     pub error: f64,
-    /// Whether forces blend smoothly from one level of detail to the next, where detail is left out (§3.4.4).
-    /// Without blending, forces jump where the level changes, and a query takes a little less time.
+    /// Whether forces blend smoothly from one level of detail to the next, where detail is left out
+    /// (§3.4.4). Without blending, forces jump where the level changes, and a query takes a little less
+    /// time.
     pub interpolation: bool,
     /// Time limit of a contact query, s. The query refines the most important detail first, and leaves out
     /// detail that does not fit in (§3.4.3). With a limit, sessions on a simulated clock are not
@@ -138,20 +139,22 @@ pub struct OutputSettings {
 pub struct SearchSettings {
     /// Search method; by default representative contacts where these are valid, else levels of detail.
     pub method: ContactSearch,
-    /// Distance tolerance d of the contact query, m, at most the grasped object's bounding radius; by default
-    /// 1 % of that radius, and at most 2 mm at the device.
+    /// Distance tolerance d of the contact query, m, at most the grasped object's bounding radius; by
+    /// default 1 % of that radius, and at most 2 mm at the device.
     pub tolerance: Option<f64>,
     /// Largest depth error EPS of representative contacts, approximately, m: 0.02 % to 1 % of the grasped
     /// object's bounding radius; by default 0.05 %, and at most a twentieth of the tolerance d.
     pub representative_error: Option<f64>,
-    /// Largest number K of contact clusters (§5.4.2). Representative contacts, found in distance fields, push
-    /// with a total stiffness of K k wherever bodies touch, as K clusters of contacts by levels of detail do.
+    /// Largest number K of contact clusters (§5.4.2). Representative contacts, found in distance fields,
+    /// push with a total stiffness of K k wherever bodies touch, as K clusters of contacts by levels of
+    /// detail do.
     pub clusters: usize,
-    /// Whether to brake the grasped object before it touches a surface that it approaches fast, so that it is
-    /// not inside or behind the surface when a contact query finds it (§5.6.1).
+    /// Whether to brake the grasped object before it touches a surface that it approaches fast, so that it
+    /// is not inside or behind the surface when a contact query finds it (§5.6.1).
     pub braking: bool,
-    /// Whether to keep a proxy of the grasped object on the side of surfaces that it came from. Contacts push
-    /// the object back to the proxy, so that it cannot be pressed or driven through a surface (§5.6.1).
+    /// Whether to keep a proxy of the grasped object on the side of surfaces that it came from. Contacts
+    /// push the object back to the proxy, so that it cannot be pressed or driven through a surface
+    /// (§5.6.1).
     pub proxy: bool,
 }
 
@@ -177,13 +180,13 @@ pub struct ToolSettings {
     /// Frame, fixed to the grasped object and given in its mesh's frame, that the virtual coupling acts on;
     /// by default at the centre of mass.
     ///
-    /// The device's [handle](ToolSettings::handle) is there too by default: to hold a tool by its handle, set
-    /// the grasp to the handle's position in the mesh. Only the grasp's position matters, since the coupling
-    /// is equally stiff in all directions.
+    /// The device's [handle](ToolSettings::handle) is there too by default: to hold a tool by its handle,
+    /// set the grasp to the handle's position in the mesh. Only the grasp's position matters, since the
+    /// coupling is equally stiff in all directions.
     pub grasp: Option<Pose>,
     /// Place of the device's handle on the grasped object. It does not place the object: while the handle is
-    /// in the middle of its workspace, not rotated, and the coupling is not stretched, the mesh's frame is at
-    /// the [device frame](DeviceSettings::frame).
+    /// in the middle of its workspace, not rotated, and the coupling is not stretched, the mesh's frame is
+    /// at the [device frame](DeviceSettings::frame).
     pub handle: HandlePlace,
     /// Whether to render objects whose size suggests a [wrong unit](crate::errors::UnitsError). A session
     /// with such objects is refused otherwise.
@@ -225,12 +228,13 @@ pub struct TimingSettings {
     /// Rate of the haptic loop, Hz.
     pub rate: f64,
     /// Age of the newest contact model at which the wrench begins to fade out, s. It is zero 50 ms later, or
-    /// at twice this age where that is sooner, and fades in over the same time. It also fades when the object
-    /// has moved, from where its contacts were found, by more than half its bounding radius and by more than
-    /// 1 cm at the device.
+    /// at twice this age where that is sooner, and fades in over the same time. It also fades when the
+    /// object has moved, from where its contacts were found, by more than half its bounding radius and
+    /// by more than 1 cm at the device.
     pub contact_timeout: f64,
-    /// Time over which the wrench rises from zero, s: after the start, wherever the object then is, and after
-    /// a failure of the device or of a step. With the clutch, it falls and rises over the same time.
+    /// Time over which the wrench rises from zero, s: after the start, wherever the object then is, and
+    /// after a failure of the device or of a step. With the clutch, it falls and rises over the same
+    /// time.
     pub engagement: f64,
 }
 
@@ -246,8 +250,8 @@ pub enum ContactSearch {
     /// [Representatives](Self::Representatives) where these are valid, else [levels](Self::Levels). The
     /// session uses levels if
     ///
-    /// - detail is to be left out ([`DetailSettings::error`]) or queries have a
-    ///   [time limit](DetailSettings::query_budget),
+    /// - detail is to be left out ([`DetailSettings::error`]) or queries have a [time
+    ///   limit](DetailSettings::query_budget),
     /// - an object has a haptic texture, an open surface, walls thinner than the tolerance d, or a field
     ///   whose error is more than a quarter of d,
     /// - or the tool [has a hinge](crate::tool::Hinged).

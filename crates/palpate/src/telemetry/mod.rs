@@ -230,8 +230,8 @@ pub struct HapticTelemetry {
 pub struct ContactTelemetry {
     /// Durations of contact queries with clustering and linearisation.
     pub query: Times,
-    /// Number of queries that took longer in real time than the simulated time between two queries; `None` in
-    /// real time.
+    /// Number of queries that took longer in real time than the simulated time between two queries; `None`
+    /// in real time.
     pub longer_than_slot: Option<u64>,
     /// Counts of events.
     pub events: Events,

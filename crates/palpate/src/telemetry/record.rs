@@ -81,8 +81,8 @@ pub struct Record {
     /// Pose of the device as it was read, in its own axes and at its own scale; the last good one where a
     /// reading was refused.
     pub device: Pose,
-    /// Pose at which the device holds the mesh's frame, in the world: the object is there while nothing holds
-    /// it back. It stays in place while the clutch is held. Not written to recordings.
+    /// Pose at which the device holds the mesh's frame, in the world: the object is there while nothing
+    /// holds it back. It stays in place while the clutch is held. Not written to recordings.
     pub handle: Pose,
     /// Pose of the grasped object's mesh frame in the world after the step.
     pub object: Pose,

@@ -49,8 +49,8 @@ pub struct BakeReport {
     /// Number of texels in triangles whose rays hit the detailed surface several times, so that it is not a
     /// height field there: an overhang, or another part within reach. The nearest hit counts.
     pub folded: usize,
-    /// Largest distance from the detailed surface of points on the displaced one, half-way between texels and
-    /// at the centre of each triangle, m.
+    /// Largest distance from the detailed surface of points on the displaced one, half-way between texels
+    /// and at the centre of each triangle, m.
     pub largest_deviation: f64,
     /// Mean of those distances, m.
     pub mean_deviation: f64,

@@ -33,7 +33,8 @@ const LEVER: f64 = 0.01;
 /// A depth (m), its gradient and second derivatives by shifts and turns, world axes.
 type Local = (f64, [f64; 6], [[f64; 6]; 6]);
 
-/// Central differences (Eq. 4.8, 5.57, 5.58) of a depth by shifts, in steps of `step` (m), and turns over [`LEVER`].
+/// Central differences (Eq. 4.8, 5.57, 5.58) of a depth by shifts, in steps of `step` (m), and turns over
+/// [`LEVER`].
 fn central_differences(step: f64, depth: impl Fn(DVec3, DVec3) -> f64) -> Local {
     let depth = |change: [f64; 6]| depth(DVec3::from_slice(&change[..3]), DVec3::from_slice(&change[3..]));
     let step = |i: usize| if i < 3 { step } else { step / LEVER };

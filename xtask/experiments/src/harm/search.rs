@@ -29,7 +29,8 @@ pub struct Found {
     pub refused: usize,
     pub touched: usize,
     pub steps: u64,
-    /// Sessions with the largest values of each measure, the worst first; and the number of sessions above 1.
+    /// Sessions with the largest values of each measure, the worst first; and the number of sessions above
+    /// 1.
     pub worst: [Vec<(f64, Genome)>; Measure::ALL.len()],
     pub above: [usize; Measure::ALL.len()],
     pub harm: Vec<(Genome, Outcome)>,

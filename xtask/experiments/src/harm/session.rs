@@ -186,8 +186,8 @@ struct Running {
     /// Time of the newest contact model, as the host knows it, s.
     newest: f64,
     edits: VecDeque<Edit>,
-    /// Time since which the hand has been in free space, s; and the work of the hand by then plus the kinetic
-    /// energy that may come out, J.
+    /// Time since which the hand has been in free space, s; and the work of the hand by then plus the
+    /// kinetic energy that may come out, J.
     free: Option<(f64, f64)>,
     /// Time of the last late step, s.
     late: f64,

@@ -1,5 +1,5 @@
-//! Stability maps: where the engine is stable, by mass, stiffness, rates, delays and other parameters, found by
-//! simulation.
+//! Stability maps: where the engine is stable, by mass, stiffness, rates, delays and other parameters, found
+//! by simulation.
 //!
 //! `cargo xtask stability [NAME…|all] [--quick] [--out FOLDER]` writes for each map its results as CSV,
 //! pictures of them, and a page, `stability.md`, that describes them. Every number and every verdict on the

@@ -39,8 +39,8 @@ pub struct Rig {
 #[derive(Clone, Copy, Debug)]
 pub struct RigResult {
     pub outcome: Outcome,
-    /// Largest peak-to-peak motion over the last half second, of handle and body, m; rotations at a lever arm
-    /// of [`BALL`].
+    /// Largest peak-to-peak motion over the last half second, of handle and body, m; rotations at a lever
+    /// arm of [`BALL`].
     pub amplitude: f64,
     /// Largest force sent, N, and its mean over the last half second.
     pub largest_force: f64,

@@ -74,8 +74,8 @@ struct Count {
     /// Steps with a wrench or pose that is not finite, and with a wrench above the device's limits.
     not_finite: u64,
     beyond: u64,
-    /// Steps in which the force grew or turned by more than [`SLEW`] of the peak a period, or grew by as much
-    /// in one step however late; and the fastest growth, N a period.
+    /// Steps in which the force grew or turned by more than [`SLEW`] of the peak a period, or grew by as
+    /// much in one step however late; and the fastest growth, N a period.
     too_fast: u64,
     fastest: f64,
     /// Steps with a wrench that should have been zero: contact models twice overdue, or the device lost.

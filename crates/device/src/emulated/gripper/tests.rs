@@ -37,14 +37,15 @@ fn a_constant_torque_deflects_the_fingers_by_torque_over_stiffness() {
         let deflection = torque / Fingers::default().stiffness;
         assert!((state.angle - 0.4 - deflection).abs() < 1e-9, "{}", state.angle);
         assert_eq!((state.time, state.status), (2.0, Status::OK));
-        // The work is stored in the spring, τ²/(2 k), and lost in the dampers: at least twice the energy stored.
+        // The work is stored in the spring, τ²/(2 k), and lost in the dampers: at least twice the energy
+        // stored.
         let work = device.emulated_gripper().unwrap().work();
         assert!(work >= 0.99 * torque * deflection && work < 1.01 * torque * deflection, "{work}");
     }
 }
 
-/// Gripper and fingers around a fixed angle never give back more energy than they were given, whatever torques
-/// are written, and whenever.
+/// Gripper and fingers around a fixed angle never give back more energy than they were given, whatever
+/// torques are written, and whenever.
 #[test]
 fn gripper_and_fingers_are_passive() {
     let mut rng = StdRng::seed_from_u64(71);
@@ -73,8 +74,8 @@ fn gripper_and_fingers_are_passive() {
     }
 }
 
-/// A spring of the stated stiffness at 1 kHz, against which the fingers close, gives no more energy than it was
-/// given, and comes to rest.
+/// A spring of the stated stiffness at 1 kHz, against which the fingers close, gives no more energy than it
+/// was given, and comes to rest.
 #[test]
 fn the_default_gripper_renders_its_stated_stiffness() {
     let emulation = GripperEmulation::default();

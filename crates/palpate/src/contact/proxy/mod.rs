@@ -60,8 +60,8 @@ pub(crate) struct Proxy {
     side: Side,
     /// Pose of the centre of mass.
     pose: Pose,
-    /// Bound on the distance of any point of the object from the same point of the proxy after the last step,
-    /// m.
+    /// Bound on the distance of any point of the object from the same point of the proxy after the last
+    /// step, m.
     lag: f64,
     /// All contacts at the pose, within the reach (m), sorted by pairs of patches.
     found: Vec<ProxyContact>,

@@ -9,14 +9,15 @@ use super::error::TextureError;
 use crate::settings::TextureBackend;
 use crate::telemetry::Events;
 
-/// Longest time that a contact step waits for a GPU before the processor computes its textured contacts: some periods of a contact loop,
-/// which a hand feels as a short lag.
+/// Longest time that a contact step waits for a GPU before the processor computes its textured contacts: some
+/// periods of a contact loop, which a hand feels as a short lag.
 const GPU_DEADLINE: Duration = Duration::from_millis(20);
 
 /// A backend, or why there is none.
 type Made = Result<Box<dyn Backend>, TextureError>;
 
-/// The processor, or another backend with the processor to fall back on; and the backend that replaces it once it is made.
+/// The processor, or another backend with the processor to fall back on; and the backend that replaces it
+/// once it is made.
 #[derive(Default)]
 pub(super) struct Computing {
     backend: Fallback,
@@ -85,8 +86,8 @@ impl Computing {
 /// How to make a backend.
 pub(super) type Maker = Box<dyn FnOnce() -> Made + Send>;
 
-/// How to make the backend that the settings ask for, if that is not the processor: the GPU's, or the faster of both for `typical`
-/// contacts, as many as there may be with one object.
+/// How to make the backend that the settings ask for, if that is not the processor: the GPU's, or the faster
+/// of both for `typical` contacts, as many as there may be with one object.
 #[cfg(feature = "gpu")]
 pub(super) fn maker(
     chosen: TextureBackend,

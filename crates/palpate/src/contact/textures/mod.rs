@@ -1,11 +1,13 @@
-//! Textured contacts (§4.4, §5.4.4): coarse contacts with textured objects are evaluated again on the images of their detail.
+//! Textured contacts (§4.4, §5.4.4): coarse contacts with textured objects are evaluated again on the images
+//! of their detail.
 //!
-//! An object's hierarchy is that of its coarse mesh; its texture displaces the surface. Where it displaces it outwards, contact begins
-//! before the coarse meshes touch, so coarse contacts are searched for at a distance larger by the [protrusion](Textures::protrusion).
-//! Where it displaces it inwards, coarse meshes may sink into each other by the [recess](Textures::recesses), and the proxy goes as deep.
+//! An object's hierarchy is that of its coarse mesh; its texture displaces the surface. Where it displaces it
+//! outwards, contact begins before the coarse meshes touch, so coarse contacts are searched for at a distance
+//! larger by the [protrusion](Textures::protrusion). Where it displaces it inwards, coarse meshes may sink
+//! into each other by the [recess](Textures::recesses), and the proxy goes as deep.
 //!
-//! Each cluster of coarse contacts with an object has a grid around its representative, with the texels that are nearest to it. The grid is
-//! fitted to where both surfaces are, and evaluated in [quarters].
+//! Each cluster of coarse contacts with an object has a grid around its representative, with the texels that
+//! are nearest to it. The grid is fitted to where both surfaces are, and evaluated in [quarters].
 
 mod backend;
 mod error;
@@ -80,7 +82,8 @@ pub(crate) struct TexturedContact {
 }
 
 impl Textures {
-    /// Returns `None` for a scene without textures. An object that is gone is `None` in `objects`. Waits until the backend is made.
+    /// Returns `None` for a scene without textures. An object that is gone is `None` in `objects`. Waits
+    /// until the backend is made.
     ///
     /// # Errors
     /// If a texture cannot be rendered, or the settings ask for a GPU and there is none.
@@ -100,8 +103,8 @@ impl Textures {
         Ok(textures)
     }
 
-    /// Like [`new`](Self::new), but in a contact step: keeps the backend of `before`. Where there was none, the processor computes until a
-    /// thread has made one.
+    /// Like [`new`](Self::new), but in a contact step: keeps the backend of `before`. Where there was none,
+    /// the processor computes until a thread has made one.
     ///
     /// # Errors
     /// If a texture cannot be rendered; `before` is then unchanged.
@@ -222,8 +225,8 @@ impl Textures {
         self.pairs.iter_mut().flatten().for_each(|pair| pair.contacts.clear());
     }
 
-    /// Adds a coarse contact with a scene object, found at the pose of [`run`](Self::run), if it is near enough to touch at the
-    /// tolerance d (m). Returns whether it is.
+    /// Adds a coarse contact with a scene object, found at the pose of [`run`](Self::run), if it is near
+    /// enough to touch at the tolerance d (m). Returns whether it is.
     pub fn take(&mut self, object: usize, contact: &PatchContact, tolerance: f64) -> bool {
         let Some(Some(pair)) = self.pairs.get_mut(object) else { return false };
         let near = contact.contact.depth > -(tolerance + pair.protrusion);
@@ -233,8 +236,8 @@ impl Textures {
         near
     }
 
-    /// Finds the textured contacts of the probe, with its mesh at a pose and its centre of mass at `center`; `pose_of` gives the poses of
-    /// scene objects.
+    /// Finds the textured contacts of the probe, with its mesh at a pose and its centre of mass at `center`;
+    /// `pose_of` gives the poses of scene objects.
     pub fn run(
         &mut self,
         mesh: &Pose,
@@ -323,7 +326,8 @@ impl Textures {
 }
 
 impl Pair {
-    /// The pair of a probe's surface and another, which is `surface` among the surfaces; grids are at most as large as `lever` (m).
+    /// The pair of a probe's surface and another, which is `surface` among the surfaces; grids are at most as
+    /// large as `lever` (m).
     fn new(surface: SurfaceId, [own, other]: [&TexturedSurface; 2], settings: &Settings, lever: f64) -> Self {
         let TextureSettings { grid, half_size, .. } = settings.textures;
         let [[back, out], [other_back, other_out]] = [own, other].map(TexturedSurface::displacement);
@@ -351,8 +355,8 @@ impl TexturedContact {
         self.contact.linear.dot(twist.linear) + self.contact.angular.dot(twist.angular)
     }
 
-    /// Returns whether the body slides further than a texel in a time (s), so that detail may be missed or felt at another frequency
-    /// (§4.6.2).
+    /// Returns whether the body slides further than a texel in a time (s), so that detail may be missed or
+    /// felt at another frequency (§4.6.2).
     pub fn is_undersampled(&self, twist: &Twist, center: DVec3, time: f64) -> bool {
         let velocity = twist.velocity_at(self.contact.point - center);
         velocity.reject_from(self.contact.linear).length() * time > self.texel

@@ -1,9 +1,10 @@
 //! The quarters of a contact's grid, and how those that find the same contact are joined.
 //!
-//! Surfaces may touch in several places of one grid: on both flanks of a groove, or at the corners of a face. A single contact would let
-//! the body fall from one to the next, so the quarters of the grid are evaluated on their own. Quarters that find the same contact, at
-//! their common corner, are joined. Contacts are the same where the gradients of their depths are alike, by degrees, so that forces are
-//! continuous while one contact splits into two.
+//! Surfaces may touch in several places of one grid: on both flanks of a groove, or at the corners of a face.
+//! A single contact would let the body fall from one to the next, so the quarters of the grid are evaluated
+//! on their own. Quarters that find the same contact, at their common corner, are joined. Contacts are the
+//! same where the gradients of their depths are alike, by degrees, so that forces are continuous while one
+//! contact splits into two.
 
 use arrayvec::ArrayVec;
 use palpate_dynamics::CurvedContact;
@@ -12,12 +13,12 @@ use palpate_texture_pd::{HalfSpace, TextureContact};
 /// Number of quarters of a grid.
 pub(super) const QUARTERS: usize = 4;
 
-/// Distance by which a quarter reaches past the middle of the grid, in half sizes of the grid: overlaps near the middle of the grid are not at the border of
-/// the quarter's own grid, where the texture depth fades out.
+/// Distance by which a quarter reaches past the middle of the grid, in half sizes of the grid: overlaps near
+/// the middle of the grid are not at the border of the quarter's own grid, where the texture depth fades out.
 const OVERLAP: f64 = 0.25;
 
-/// Distance between the gradients of two depths (turns at the body's lever) from which on they are two contacts; below it they are
-/// joined in part.
+/// Distance between the gradients of two depths (turns at the body's lever) from which on they are two
+/// contacts; below it they are joined in part.
 const DISTINCT_GRADIENTS: f64 = 1.0;
 
 /// Temperature of joining, in tolerances d, where the depth is the largest overlap alone (τ = 0).
@@ -48,9 +49,10 @@ pub(super) fn quarter_size(half_size: f64) -> f64 {
 
 /// Joins the contact of each quarter with those that are like it, and gives its share of the stiffness.
 ///
-/// With likenesses l_j and the temperature s, the joined depth is the smooth maximum δ = s ln Σ l_j exp(δ_j / s). The weights w_j = l_j
-/// exp((δ_j − δ) / s) sum up to 1, the gradient is Σ w_j ∇δ_j, and the second derivative Σ w_j (∇²δ_j + (∇δ_j − ∇δ)(∇δ_j − ∇δ)ᵀ / s). Four
-/// quarters that are all alike give the smooth maximum over the whole grid, with its derivatives, in shares that sum up to 1.
+/// With likenesses l_j and the temperature s, the joined depth is the smooth maximum δ = s ln Σ l_j exp(δ_j /
+/// s). The weights w_j = l_j exp((δ_j − δ) / s) sum up to 1, the gradient is Σ w_j ∇δ_j, and the second
+/// derivative Σ w_j (∇²δ_j + (∇δ_j − ∇δ)(∇δ_j − ∇δ)ᵀ / s). Four quarters that are all alike give the smooth
+/// maximum over the whole grid, with its derivatives, in shares that sum up to 1.
 pub(super) fn joined(
     quarters: &[CurvedContact],
     temperature: f64,
@@ -87,7 +89,8 @@ pub(super) fn joined(
     quarters.iter().map(join).filter(|(_, share)| *share > MIN_SHARE).collect()
 }
 
-/// Likeness of two contacts: 1 where their depths have the same gradient, 0 from [`DISTINCT_GRADIENTS`] on, smooth between.
+/// Likeness of two contacts: 1 where their depths have the same gradient, 0 from [`DISTINCT_GRADIENTS`] on,
+/// smooth between.
 fn likeness(a: &CurvedContact, b: &CurvedContact) -> f64 {
     let apart = (a.linear - b.linear).length().hypot((a.angular - b.angular).length() / a.lever);
     let alike = (1.0 - apart / DISTINCT_GRADIENTS).clamp(0.0, 1.0);

@@ -31,7 +31,8 @@ impl Curve {
         }
         let [left, middle, right] =
             [-1, 0, 1].map(|step| self.acceleration[highest.wrapping_add_signed(step)].ln());
-        // Vertex of the parabola through (−1, l), (0, m), (1, r): x = ½ (l − r)/(l − 2 m + r), y = m − ¼ (l − r) x.
+        // Vertex of the parabola through (−1, l), (0, m), (1, r): x = ½ (l − r)/(l − 2 m + r), y = m − ¼ (l −
+        // r) x.
         let at = 0.5 * (left - right) / (left - 2.0 * middle + right);
         let ratio = self.spacing[highest + 1] / self.spacing[highest];
         let top = middle - 0.25 * (left - right) * at;
