@@ -17,43 +17,25 @@
 //! There is no end stop: a handle that leaves the workspace sets [`Status::OUTSIDE_WORKSPACE`] and moves on.
 
 use palpate_core::{Pose, Twist, Wrench};
-use serde::{Deserialize, Serialize};
 
 use crate::clip::clipped;
 use crate::hand::{Hand, IntendedPath};
-use crate::mechanics::{self, Handle};
+use crate::mechanics;
 use crate::sensing::Encoders;
 use crate::{DeviceError, DeviceState, Gripper, HapticDevice, Specification, Status};
 
 mod address;
 mod gripper;
+mod hand_path;
+mod parameters;
 mod stepping;
 
 pub use address::EmulatedHand;
 pub(crate) use address::KIND;
 pub use gripper::{EmulatedGripper, Fingers, GripperEmulation, GripperPath};
+use hand_path::HandPath;
+pub use parameters::Emulation;
 use stepping::{Delayed, Substeps};
-
-/// Largest accepted value of a mechanical parameter, in its SI unit. A larger one is taken for a mistake in
-/// units.
-const MAX_PARAMETER: f64 = 1e6;
-/// Longest accepted delay of a wrench, s.
-const MAX_DELAY: f64 = 0.1;
-
-/// Parameters of an emulated device and of the hand that holds it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Emulation {
-    /// The device's specification; the emulation keeps to its peaks, encoder steps, delay and axes.
-    pub specification: Specification,
-    /// The handle's mechanics.
-    pub handle: Handle,
-    /// The hand that holds it.
-    pub hand: Hand,
-    /// Length of an integration step, s.
-    pub substep: f64,
-    /// The longest time that one read simulates, s.
-    pub catch_up: f64,
-}
 
 impl Emulation {
     /// Starts the emulation with the handle at rest at the hand's intended pose at time 0.
@@ -81,102 +63,6 @@ impl Emulation {
             closed: false,
             emulation: self,
         })
-    }
-
-    fn check(&self) -> Result<(), DeviceError> {
-        let Self { specification: s, handle, hand, substep, catch_up } = self;
-        let positive = [("handle mass (kg)", handle.mass), ("handle inertia (kg·m²)", handle.inertia)];
-        let not_negative = [
-            ("handle damping (N·s/m)", handle.damping),
-            ("handle friction (N)", handle.friction),
-            ("handle angular damping (N·m·s/rad)", handle.angular_damping),
-            ("handle angular friction (N·m)", handle.angular_friction),
-            ("hand mass (kg)", hand.mass),
-            ("hand damping (N·s/m)", hand.damping),
-            ("hand stiffness (N/m)", hand.stiffness),
-            ("hand inertia (kg·m²)", hand.inertia),
-            ("hand angular damping (N·m·s/rad)", hand.angular_damping),
-            ("hand angular stiffness (N·m/rad)", hand.angular_stiffness),
-        ];
-        let steps =
-            [("encoder step (m)", s.encoder_step), ("angular encoder step (rad)", s.angular_encoder_step)];
-        let limits = [
-            ("peak force (N)", s.peak_force),
-            ("peak torque (N·m)", s.peak_torque),
-            ("workspace radius (m)", s.workspace_radius),
-        ];
-        positive.into_iter().try_for_each(|(name, value)| within(name, value, 1e-9, MAX_PARAMETER, false))?;
-        not_negative
-            .into_iter()
-            .try_for_each(|(name, value)| within(name, value, 0.0, MAX_PARAMETER, true))?;
-        steps.into_iter().try_for_each(|(name, value)| within(name, value, 1e-9, 1.0, true))?;
-        limits.into_iter().try_for_each(|(name, value)| within(name, value, 0.0, f64::INFINITY, true))?;
-        within("velocity delay (s)", s.velocity_delay, 0.0, 1.0, true)?;
-        within("delay (s)", s.delay, 0.0, MAX_DELAY, true)?;
-        within("substep (s)", *substep, 1e-6, 1e-2, false)?;
-        within("catch-up (s)", *catch_up, *substep, 10.0, false)
-    }
-}
-
-/// Refuses a parameter's value outside `low` to `high`, except for 0 if `zero`.
-fn within(parameter: &'static str, value: f64, low: f64, high: f64, zero: bool) -> Result<(), DeviceError> {
-    if (low..=high).contains(&value) || (zero && value == 0.0) {
-        return Ok(());
-    }
-    let or_zero = if zero && low > 0.0 { "0 or " } else { "" };
-    let expected = format!("{or_zero}a number from {low:e} to {high:e}");
-    Err(DeviceError::Parameter { parameter, value, expected })
-}
-
-/// The hand's path and its last finite point.
-#[derive(Debug)]
-struct HandPath {
-    path: IntendedPath,
-    segment: usize,
-    pose: Pose,
-    twist: Twist,
-    status: Status,
-}
-
-impl HandPath {
-    fn new(path: IntendedPath) -> Result<Self, DeviceError> {
-        if let IntendedPath::Still(pose) = &path {
-            // The same conditions as for a sample of a recorded path.
-            let keyframe = crate::Keyframe { time: 0.0, pose: *pose };
-            let path = crate::MotionPath::new(vec![keyframe], crate::Interpolation::Linear)?;
-            let pose = path.keyframes()[0].pose;
-            return Ok(Self {
-                path: IntendedPath::Still(pose),
-                segment: 0,
-                pose,
-                twist: Twist::ZERO,
-                status: Status::OK,
-            });
-        }
-        Ok(Self { path, segment: 0, pose: Pose::IDENTITY, twist: Twist::ZERO, status: Status::OK })
-    }
-
-    fn advance(&mut self, time: f64) {
-        self.status = Status::OK;
-        match &mut self.path {
-            IntendedPath::Still(_) => {}
-            IntendedPath::Recorded(path) => {
-                let point = path.at_near(time, &mut self.segment);
-                (self.pose, self.twist) = (point.pose, point.twist);
-                if point.ended {
-                    self.status = Status::ENDED;
-                }
-            }
-            IntendedPath::Function(function) => {
-                let (pose, twist) = function(time);
-                if pose.is_valid() && twist.is_finite() {
-                    (self.pose, self.twist) = (pose, twist);
-                } else {
-                    self.twist = Twist::ZERO;
-                    self.status = Status::HELD;
-                }
-            }
-        }
     }
 }
 

@@ -4,124 +4,19 @@
 //! wrong and what to do. Sizes in a header are checked against limits before memory is allocated.
 
 mod decode;
+mod error;
+mod options;
 mod reduce;
 
 use std::fs;
 use std::path::Path;
 
-use crate::{HeightImage, HeightImageError, MAX_SIDE, Wrap};
+use crate::{HeightImage, MAX_SIDE};
 use decode::Samples;
 
-/// Maximum number of texels along a side of an image in a file. Images of more than [`MAX_SIDE`] are
-/// averaged.
-pub const MAX_FILE_SIDE: u32 = 16384;
-/// Maximum size of a file, and of its decoded image, bytes.
-const MAX_BYTES: u64 = 1 << 30;
-
-/// Conversion of the values of an image file to displacements.
-///
-/// A texel of value x is displaced by (x − `midlevel`) `amplitude` along the surface's normal. Values of
-/// integer images go from 0 (black) to 1 (white); those of float images are used unchanged, whatever their
-/// colour space.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HeightOptions {
-    /// Displacement from black to white, or per unit of a float image, m. Finite and above zero.
-    pub amplitude: f64,
-    /// Value without displacement. Between 0 and 1 for integer images, finite for float images.
-    pub midlevel: f64,
-    /// Wrap modes along u and v.
-    pub wrap: [Wrap; 2],
-}
-
-impl HeightOptions {
-    /// Returns options for displacements over `amplitude` (m) around mid grey, in an image that is repeated.
-    pub fn new(amplitude: f64) -> Self {
-        Self { amplitude, midlevel: 0.5, wrap: [Wrap::Repeat; 2] }
-    }
-}
-
-/// Reason why an image file was refused.
-#[derive(Debug, thiserror::Error)]
-pub enum HeightFileError {
-    /// The file could not be read.
-    #[error("{name}: cannot be read ({source}); check the path and its permissions")]
-    Read {
-        /// Name of the file.
-        name: String,
-        /// Error of the operating system.
-        source: std::io::Error,
-    },
-    /// The amplitude is not finite or not above zero.
-    #[error("{name}: the amplitude of {amplitude} m is not usable; give a finite number above zero")]
-    Amplitude {
-        /// Name of the image.
-        name: String,
-        /// Amplitude that was given, m.
-        amplitude: f64,
-    },
-    /// The midlevel is not finite, or outside 0 to 1 for an integer image.
-    #[error(
-        "{name}: the midlevel {midlevel} is not usable; give one from 0 (black) to 1 (white), for float images any finite \
-         number"
-    )]
-    Midlevel {
-        /// Name of the image.
-        name: String,
-        /// Midlevel that was given.
-        midlevel: f64,
-    },
-    /// The file is not in a supported format.
-    #[error("{name}: is {found}; save it as PNG, TIFF or OpenEXR")]
-    Format {
-        /// Name of the image.
-        name: String,
-        /// Description of what the file contains instead.
-        found: &'static str,
-    },
-    /// The file violates its format, or uses an unsupported part of it.
-    #[error(
-        "{name}: {reason}; get the file again, or save it as grey PNG of 16 bits or grey TIFF of 32 bit floats"
-    )]
-    Decode {
-        /// Name of the image.
-        name: String,
-        /// Description of the fault.
-        reason: String,
-    },
-    /// The image has too many texels or bytes.
-    #[error(
-        "{name}: {width} x {height} texels, {bytes} bytes when decoded; at most {MAX_FILE_SIDE} a side and {MAX_BYTES} \
-         bytes are read: make it smaller, or grey"
-    )]
-    TooLarge {
-        /// Name of the image.
-        name: String,
-        /// Texels along a row.
-        width: u64,
-        /// Rows.
-        height: u64,
-        /// Size of the decoded image, bytes.
-        bytes: u64,
-    },
-    /// Every texel is infinite or not a number.
-    #[error("{name}: none of the {width} x {height} texels is a finite number; export the image again")]
-    NothingFinite {
-        /// Name of the image.
-        name: String,
-        /// Texels along a row.
-        width: u32,
-        /// Rows.
-        height: u32,
-    },
-    /// The displacements are no valid image.
-    #[error("{name}: {source}")]
-    Image {
-        /// Name of the image.
-        name: String,
-        /// Error of the image.
-        source: HeightImageError,
-    },
-}
+use error::MAX_BYTES;
+pub use error::{HeightFileError, MAX_FILE_SIDE};
+pub use options::HeightOptions;
 
 impl HeightImage {
     /// Reads an image file. Returns the image and warnings for the user, one line each. See

@@ -16,6 +16,7 @@ mod collapse;
 mod filter;
 mod level;
 mod levels;
+mod limits;
 mod member;
 mod quadric;
 mod queue;
@@ -35,6 +36,7 @@ use crate::surface::Surface;
 use collapse::collapse;
 pub(crate) use level::SimplifiedLevel;
 use levels::Levels;
+pub(crate) use limits::Limits;
 use queue::Queue;
 use star::Star;
 use state::State;
@@ -48,19 +50,6 @@ const MIN_REDUCTION: f64 = 0.1;
 /// Fraction of the triangles that is left from one decomposition to the next, where each level is decomposed
 /// anew. A larger one finds levels sooner, and takes longer.
 const RENEWAL_RATIO: f64 = 0.85;
-
-/// Limits of a simplification.
-pub(crate) struct Limits {
-    /// Largest height that counts as convex, in unit coordinates.
-    pub tolerance: f64,
-    /// Radius of the object's bounding sphere, in unit coordinates.
-    pub radius: f64,
-    /// Lowest resolution of an edge that is collapsed, in the inverse of the radius.
-    pub coarsest: f64,
-    /// Whether patches are carried through collapses as long as possible; if false, each level is decomposed
-    /// anew.
-    pub carried: bool,
-}
 
 /// Simplifies a mesh that is 2-manifold and oriented. `surface` is the same in unit coordinates, `areas` are
 /// the support areas of its vertices; the levels come out finest first, without the mesh itself.

@@ -11,8 +11,8 @@
 use glam::DVec3;
 use palpate_core::TriMesh;
 
-use super::Limits;
 use super::filter::Neighbourhood;
+use super::limits::Limits;
 use super::member::{Change, Member, Trial};
 use super::quadric::Quadric;
 use super::star::{Fans, Star};

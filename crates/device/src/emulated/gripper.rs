@@ -8,8 +8,9 @@ use glam::DVec3;
 use palpate_core::{Pose, Twist};
 use serde::{Deserialize, Serialize};
 
+use super::hand_path::HandPath;
+use super::parameters::{Emulation, MAX_PARAMETER, within};
 use super::stepping::{Delayed, Substeps};
-use super::{Emulation, HandPath, MAX_PARAMETER, within};
 use crate::angle_path::MAX_ANGLE;
 use crate::gripper::{Gripper, GripperHandle, GripperSpecification, GripperState};
 use crate::hand::IntendedPath;

@@ -2,7 +2,9 @@ use glam::{DQuat, DVec3};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 
+use super::parameters::MAX_DELAY;
 use super::*;
+use crate::mechanics::Handle;
 use crate::{Interpolation, Keyframe, MotionPath};
 
 /// An emulation without rounding, friction or delay.

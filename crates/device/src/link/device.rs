@@ -8,7 +8,6 @@ use std::time::{Duration, Instant};
 use palpate_core::{Pose, Twist, Wrench};
 use palpate_realtime::ThreadSetup;
 
-use super::REST_SILENCE;
 use super::clock::{Clock, Lead};
 use super::codec::Motion;
 use super::pump::{News, Order};
@@ -20,6 +19,10 @@ use crate::{DeviceError, DeviceState, HapticDevice, Specification, Status};
 const MAX_DISTANCE: f64 = 4.0;
 /// Longest time that closing waits for the pump to write its last reports.
 const CLOSE_TIMEOUT: Duration = Duration::from_millis(200);
+
+/// Silence after which a device that sends only when it is moved counts as at rest, s. Most send every 1 to
+/// 10 ms.
+pub(crate) const REST_SILENCE: f64 = 12e-3;
 
 /// The haptic thread's side of a link. Made by a [`Link`](super::Link).
 pub struct LinkedDevice<M: Motion> {

@@ -37,6 +37,7 @@ use pump::{News, Order};
 pub(crate) use apart::Found;
 pub use codec::{Codec, Malformed, Motion, Report};
 pub use device::LinkedDevice;
+pub(crate) use device::REST_SILENCE;
 pub use fake::{FakeTransport, FakeWire, QUEUE};
 pub use pump::Pump;
 pub use transport::{LONGEST_REPORT, Transport, TransportError};
@@ -46,9 +47,6 @@ const IDLE_PERIOD: Duration = Duration::from_millis(20);
 /// Shortest period of the pump's rounds: the thread has the highest priority, and must leave others the
 /// processor, whatever its transport does.
 const SHORTEST_PERIOD: Duration = Duration::from_micros(100);
-/// Silence after which a device that sends only when it is moved counts as at rest, s. Most send every 1 to
-/// 10 ms.
-pub(crate) const REST_SILENCE: f64 = 12e-3;
 /// Longest time that opening waits for the first report.
 const FIRST_REPORT_TIMEOUT: Duration = Duration::from_millis(500);
 

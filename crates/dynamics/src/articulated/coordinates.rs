@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 use palpate_core::Twist;
 
-use super::Linkage;
+use super::linkage::Linkage;
 use crate::linear_solve::{solve, solve_definite};
 use crate::rotation::{skew, skew_skew};
 use crate::system::{Linear, six};

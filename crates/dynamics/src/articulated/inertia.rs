@@ -11,7 +11,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::Linkage;
+use super::linkage::Linkage;
 use crate::jacobian::outer;
 use crate::rotation::cross_columns;
 

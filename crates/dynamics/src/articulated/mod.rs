@@ -21,6 +21,7 @@
 mod coordinates;
 mod gripper;
 mod inertia;
+mod linkage;
 mod step;
 mod tool_system;
 
@@ -29,6 +30,7 @@ use palpate_core::{Pose, Twist};
 
 use crate::body::{Body, BodyState};
 use inertia::CompositeInertia;
+use linkage::Linkage;
 
 pub use gripper::{GripperCoupling, GripperMotion};
 pub use step::{ArticulatedFrame, ArticulatedStep, articulated_step};
@@ -121,19 +123,6 @@ impl ArticulatedState {
     pub fn is_valid(&self) -> bool {
         self.first.is_valid() && self.angle.is_finite() && self.rate.is_finite()
     }
-}
-
-/// Relative placement of the two bodies at an orientation of the first and an angle; world axes.
-#[derive(Clone, Copy, Debug)]
-struct Linkage {
-    /// Rotation of the second body.
-    second: DQuat,
-    /// e.
-    axis: DVec3,
-    /// c_1 and c_2.
-    centres: [DVec3; 2],
-    /// e × b.
-    sweep: DVec3,
 }
 
 /// −μ_2 and μ_1: shares of e × b q̇ in the velocities of the bodies' centres of mass.

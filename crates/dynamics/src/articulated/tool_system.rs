@@ -5,7 +5,8 @@ use palpate_core::{Pose, Twist, Wrench};
 
 use super::coordinates::{Follower, Linear7, Motion, seven};
 use super::inertia::CompositeInertia;
-use super::{ArticulatedBody, ArticulatedFrame, ArticulatedState, Linkage};
+use super::linkage::Linkage;
+use super::{ArticulatedBody, ArticulatedFrame, ArticulatedState};
 use crate::body::BodyState;
 use crate::contact::MAX_CONSTRAINTS;
 use crate::jacobian::outer;

@@ -12,7 +12,7 @@ use tiff::decoder::{Decoder, DecodingResult};
 use tiff::tags::Tag;
 use tiff::{ColorType, TiffError};
 
-use super::{HeightFileError, MAX_BYTES, MAX_FILE_SIDE};
+use super::error::{HeightFileError, MAX_BYTES, MAX_FILE_SIDE};
 
 /// An image as stored in its file: row by row, with the channels of a texel next to each other.
 #[derive(Debug)]

@@ -1,7 +1,7 @@
 //! Conversion of samples to displacements: to grey, averaged if the image is too large, and all finite.
 
-use super::HeightOptions;
 use super::decode::{Raw, Samples};
+use super::options::HeightOptions;
 
 /// Weights of red, green and blue in luma (Rec. 709).
 const LUMA: [f64; 3] = [0.2126, 0.7152, 0.0722];

@@ -14,6 +14,7 @@
 //! EXT_meshopt_compression) is refused unless the file carries an uncompressed form as well.
 
 mod accessors;
+mod height;
 mod textures;
 
 use std::borrow::Cow;
@@ -29,6 +30,7 @@ use gltf::json::scene::Node;
 use gltf::json::validation::Checked;
 use serde_json::Value;
 
+use self::height::Height;
 use crate::formats::surface::{Surface, Wanted};
 use crate::formats::text::quoted;
 use crate::{LoadError, LoadWarning};
@@ -205,9 +207,9 @@ struct Reader<'a> {
     wanted: Wanted,
     buffers: HashMap<usize, Cow<'a, [u8]>>,
     /// Height textures of the materials read so far, with their sets of texture coordinates.
-    heights: HashMap<usize, Option<(textures::Height, u32)>>,
+    heights: HashMap<usize, Option<(Height, u32)>>,
     /// The height texture of the first primitive, if it has one, and the name of that primitive.
-    height: Option<(Option<textures::Height>, String)>,
+    height: Option<(Option<Height>, String)>,
 }
 
 impl<'a> Reader<'a> {

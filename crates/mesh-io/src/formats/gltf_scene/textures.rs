@@ -13,6 +13,7 @@ use gltf::json::{Image, Material};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
+use super::height::Height;
 use super::{MAX_ELEMENTS, Reader, Shared, Skipped, one_line};
 use crate::formats::text::quoted;
 use crate::{HeightTexture, LoadError, LoadWarning, TextureWrap};
@@ -41,15 +42,6 @@ struct Info {
 
 fn half() -> f64 {
     0.5
-}
-
-/// A height texture by the image that it uses.
-#[derive(Clone, PartialEq)]
-pub(super) struct Height {
-    image: usize,
-    amplitude: f64,
-    midlevel: f64,
-    wrap: [TextureWrap; 2],
 }
 
 impl Reader<'_> {
