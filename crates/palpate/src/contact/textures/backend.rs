@@ -83,11 +83,11 @@ impl Computing {
     }
 }
 
-/// How to make a backend.
+/// Maker of a backend, which takes long.
 pub(super) type Maker = Box<dyn FnOnce() -> Made + Send>;
 
-/// How to make the backend that the settings ask for, if that is not the processor: the GPU's, or the faster
-/// of both for `typical` contacts, as many as there may be with one object.
+/// Returns the maker of the backend that the settings ask for, if that is not the processor: the GPU's, or
+/// the faster of both for `typical` contacts, as many as there may be with one object.
 #[cfg(feature = "gpu")]
 pub(super) fn maker(
     chosen: TextureBackend,
@@ -110,7 +110,7 @@ pub(super) fn maker(
     }))
 }
 
-/// How to make the backend that the settings ask for: a GPU's cannot be made.
+/// Returns the maker of the backend that the settings ask for: a GPU's cannot be made.
 #[cfg(not(feature = "gpu"))]
 pub(super) fn maker(
     chosen: TextureBackend,

@@ -178,7 +178,7 @@ impl Textures {
         }))
     }
 
-    /// How to make the backend that the settings ask for, if that is not the processor.
+    /// Returns the maker of the backend that the settings ask for, if that is not the processor.
     fn maker(&self, settings: &Settings) -> Option<Maker> {
         let typical = || self.typical_contacts(settings.search.clusters);
         maker(settings.textures.backend, &self.surfaces, self.settings, typical)
