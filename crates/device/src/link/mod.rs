@@ -37,6 +37,7 @@ use pump::{News, Order};
 pub(crate) use apart::Found;
 pub use codec::{Codec, Malformed, Motion, Report};
 pub use device::LinkedDevice;
+#[cfg(feature = "hid")]
 pub(crate) use device::REST_SILENCE;
 pub use fake::{FakeTransport, FakeWire, QUEUE};
 pub use pump::Pump;
