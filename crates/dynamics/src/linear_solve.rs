@@ -106,6 +106,26 @@ pub(crate) fn is_positive_definite<const N: usize>(mut matrix: [[f64; N]; N]) ->
     true
 }
 
+#[cfg(feature = "integrators")]
+/// Whether all leading principal minors of a matrix are positive, by the signs of the pivots of its LU
+/// factorisation: of a symmetric matrix, whether it is positive definite.
+pub(crate) fn has_positive_minors<const N: usize>(mut matrix: [[f64; N]; N]) -> bool {
+    for column in 0..N {
+        let pivot_row = matrix[column];
+        let pivot = pivot_row[column];
+        if pivot.is_nan() || pivot <= 0.0 {
+            return false;
+        }
+        for entries in &mut matrix[column + 1..] {
+            let factor = entries[column] / pivot;
+            for (entry, above) in entries.iter_mut().zip(&pivot_row) {
+                *entry -= factor * above;
+            }
+        }
+    }
+    true
+}
+
 #[cfg(test)]
 mod tests {
     use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
@@ -173,6 +193,14 @@ mod tests {
     }
 
     #[test]
+    fn minors_of_matrices_that_are_not_symmetric() {
+        // Minors 1, 2; 1, −5; 0.
+        assert!(has_positive_minors([[1.0, 5.0], [-1.0, -3.0]]));
+        assert!(!has_positive_minors([[1.0, 2.0], [3.0, 1.0]]));
+        assert!(!has_positive_minors([[0.0, 1.0], [-1.0, 1.0]]));
+    }
+
+    #[test]
     fn gram_matrices_are_definite_until_a_form_becomes_negative() {
         let seed = 12;
         let mut rng = StdRng::seed_from_u64(seed);
@@ -184,7 +212,7 @@ mod tests {
             for (i, row) in gram.iter_mut().enumerate() {
                 row[i] += 1e-6;
             }
-            assert!(is_positive_definite(gram), "seed {seed}, case {case}");
+            assert!(is_positive_definite(gram) && has_positive_minors(gram), "seed {seed}, case {case}");
             // Taking more than xᵀGx / xᵀx off the diagonal makes the form negative along x.
             let x: [f64; 6] = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
             let square: f64 = x.iter().map(|v| v * v).sum();
@@ -192,7 +220,7 @@ mod tests {
             for (i, row) in gram.iter_mut().enumerate() {
                 row[i] -= form / square * (1.0 + 1e-9);
             }
-            assert!(!is_positive_definite(gram), "seed {seed}, case {case}");
+            assert!(!is_positive_definite(gram) && !has_positive_minors(gram), "seed {seed}, case {case}");
         }
     }
 }

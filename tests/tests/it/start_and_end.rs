@@ -265,8 +265,8 @@ fn a_process_that_was_suspended_starts_from_zero() {
     let peak = specification().peak_force;
     for pair in device.forces[before..].windows(2) {
         let ([(then, last), (now, force)], up) = ([pair[0], pair[1]], pair[1].0 - again);
-        // It comes up over 200 ms. This process may have seen the first force up to 2 ms late.
-        let share = ((up.as_secs_f64() + 2e-3) / 0.2).min(1.0);
+        // It comes up over 200 ms.
+        let share = (up.as_secs_f64() / 0.2).min(1.0);
         assert!(force <= peak * share * share * 3.0 + 1e-9, "{force} N after {up:?}");
         let slew = peak / 0.01 * (now - then).as_secs_f64().max(2e-3);
         assert!(force - last <= slew, "{last} to {force} N in {:?}", now - then);

@@ -8,7 +8,7 @@ use crate::body::BodyState;
 use crate::coupling::DeviceMotion;
 use crate::integrators::Integrator;
 use crate::jacobian::Block6;
-use crate::linear_solve::solve;
+use crate::linear_solve::{has_positive_minors, solve};
 use crate::step::{Frame, Step, StepFailure, StepStatus};
 
 /// A body without dynamics: each step puts it at the equilibrium of the springs of coupling and contacts,
@@ -181,37 +181,5 @@ impl Balance {
         let Wrench { force, torque } = self.load;
         let [x, y, z, a, b, c] = solve(matrix, [force.x, force.y, force.z, torque.x, torque.y, torque.z])?;
         Some(Twist { linear: DVec3::new(x, y, z), angular: DVec3::new(a, b, c) })
-    }
-}
-
-/// Whether all leading principal minors of a matrix are positive, by the signs of the pivots of its LU
-/// factorisation: of a symmetric matrix, whether it is positive definite.
-fn has_positive_minors<const N: usize>(mut matrix: [[f64; N]; N]) -> bool {
-    for column in 0..N {
-        let pivot_row = matrix[column];
-        let pivot = pivot_row[column];
-        if pivot.is_nan() || pivot <= 0.0 {
-            return false;
-        }
-        for entries in &mut matrix[column + 1..] {
-            let factor = entries[column] / pivot;
-            for (entry, above) in entries.iter_mut().zip(&pivot_row) {
-                *entry -= factor * above;
-            }
-        }
-    }
-    true
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn minors_of_matrices_that_are_not_symmetric() {
-        // Minors 1, 2; 1, −5; 0.
-        assert!(has_positive_minors([[1.0, 5.0], [-1.0, -3.0]]));
-        assert!(!has_positive_minors([[1.0, 2.0], [3.0, 1.0]]));
-        assert!(!has_positive_minors([[0.0, 1.0], [-1.0, 1.0]]));
     }
 }
