@@ -297,7 +297,8 @@ pub struct RunArguments {
     pub scene: String,
     /// Hold the tool with a hinge of this file, in place of a probe, on a device with a gripper
     /// (emulated:gripper=FILE.csv)
-    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["integrator", "report", "scene"])]
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["integrator", "mass", "probe_detail",
+        "probe_heights", "probe_repair", "probe_scale", "report", "scene"])]
     pub tool: Option<PathBuf>,
     /// emulated, emulated:PRESET,KEY=VALUE,... (task=press, hand=firm, encoder_step=0, path=FILE.csv, ...),
     /// replay:FILE (a trajectory, a recording of a session or of a device), or one that `palpate devices`

@@ -1360,6 +1360,9 @@ fn a_hinged_tool_is_rendered_with_a_gripper() {
             "scene.toml: line 1: unknown field `object`",
         ),
         ([held.as_slice(), &["--report", "run.html"]].concat(), "--report"),
+        ([held.as_slice(), &["--mass", "0.1"]].concat(), "--mass"),
+        ([held.as_slice(), &["--probe-scale", "2"]].concat(), "--probe-scale"),
+        ([held.as_slice(), &["--probe-detail", "ellipsoid"]].concat(), "--probe-detail"),
         (["run", "ellipsoid@500"].to_vec(), "<SCENE>"),
     ] {
         let output = palpate(&arguments, folder);

@@ -8,8 +8,8 @@ use crate::{DeviceError, Status};
 /// The hand's path and its last finite point.
 #[derive(Debug)]
 pub(super) struct HandPath {
-    pub path: IntendedPath,
-    pub segment: usize,
+    path: IntendedPath,
+    segment: usize,
     pub pose: Pose,
     pub twist: Twist,
     pub status: Status,

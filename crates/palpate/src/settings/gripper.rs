@@ -22,7 +22,7 @@ pub struct GripperSettings {
 
 /// Stiffness of the coupling where the port sets no limit, N·m/rad. With a larger one the hinge follows the
 /// gripper more closely; with a smaller one the object between the blades feels softer.
-pub(crate) const UNLIMITED_STIFFNESS: f64 = 0.5;
+pub(crate) const DEFAULT_STIFFNESS: f64 = 0.5;
 
 impl GripperSettings {
     /// Refuses values that no gripper can have.

@@ -21,7 +21,7 @@ use super::error::ToolError;
 use super::gains::{Gains, Grasped};
 use super::{Hand, Moves, Tool, ToolStep};
 use crate::scene::object::Object;
-use crate::settings::gripper::{GripperSettings, UNLIMITED_STIFFNESS};
+use crate::settings::gripper::{DEFAULT_STIFFNESS, GripperSettings};
 use crate::telemetry::hinged_record::HingedRecord;
 use crate::telemetry::record::StepData;
 
@@ -106,7 +106,7 @@ pub(crate) fn grip(
 ) -> (GripperCoupling, f64) {
     let Gains { limits, .. } = gains;
     let port = PortLimits { rotation: *port, ..*limits }.in_world(scale).rotation;
-    let chosen = GripperCoupling::auto(body, &port, UNLIMITED_STIFFNESS, &limits.sampling);
+    let chosen = GripperCoupling::auto(body, &port, DEFAULT_STIFFNESS, &limits.sampling);
     let stiffness = gripper.stiffness.unwrap_or(chosen.stiffness);
     let critical = GripperCoupling::critically_damped(body, stiffness);
     let damping = gripper.damping.unwrap_or(critical.damping);
