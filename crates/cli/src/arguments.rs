@@ -7,7 +7,7 @@ use palpate::device::Task;
 use palpate::dynamics::IntegratorKind;
 use palpate::settings::{
     ContactSearch, ContactSettings, CouplingSettings, DetailSettings, DeviceSettings, OutputSettings,
-    SearchSettings, TextureSettings, TimingSettings, ToolSettings,
+    Response, SearchSettings, TextureSettings, TimingSettings, ToolSettings,
 };
 use palpate::{Object, OpenOptions, Settings};
 
@@ -500,6 +500,9 @@ pub struct Physics {
     /// Contact stiffness, N/m [default: 2000]
     #[arg(long)]
     contact_stiffness: Option<f64>,
+    /// How contacts act: constraints hold surfaces apart, penalty springs push them apart [default: penalty]
+    #[arg(long, value_enum)]
+    response: Option<ResponseName>,
     /// Contact damping, N·s/m [default: critical]
     #[arg(long)]
     contact_damping: Option<f64>,
@@ -581,6 +584,7 @@ impl Physics {
                 ..default.tool
             },
             contact: ContactSettings {
+                response: self.response.map_or(default.contact.response, Response::from),
                 stiffness: self.contact_stiffness.unwrap_or(default.contact.stiffness),
                 damping: self.contact_damping.or(default.contact.damping),
                 friction: self.friction.unwrap_or(default.contact.friction),
@@ -709,6 +713,22 @@ mod tests {
         assert_eq!("2.5%".parse::<Length>().map(|l| l.metres(2.0)), Ok(0.05));
         for refused in ["", "-1", "nan", "1cm", "%"] {
             assert!(refused.parse::<Length>().is_err(), "{refused}");
+        }
+    }
+}
+
+/// How contacts act.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+enum ResponseName {
+    Constraints,
+    Penalty,
+}
+
+impl From<ResponseName> for Response {
+    fn from(name: ResponseName) -> Self {
+        match name {
+            ResponseName::Constraints => Self::Constraints,
+            ResponseName::Penalty => Self::Penalty,
         }
     }
 }

@@ -68,6 +68,7 @@ mod rotation;
 mod saturation;
 mod step;
 mod system;
+mod unilateral;
 
 pub use articulated::{
     ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, GripperCoupling, GripperMotion,
@@ -93,3 +94,4 @@ pub use passivity::{PassivityController, PassivityObserver};
 pub use port::{PortAxes, PortLimits, Sampling};
 pub use saturation::{SlewLimit, angular_spring_torque, saturate, spring_force};
 pub use step::{Frame, MAX_SOLVES, Step, StepFailure, StepStatus, semi_implicit_step};
+pub use unilateral::{ConstrainedStep, MAX_UNILATERAL, MotionBound, UnilateralContact, constrained_step};

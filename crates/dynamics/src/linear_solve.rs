@@ -86,6 +86,39 @@ fn substitute_back<const N: usize>(
     Some(right)
 }
 
+/// The inverse of a matrix by Gauss–Jordan elimination with partial pivoting; `None` if it is singular to
+/// rounding or not finite.
+pub(crate) fn inverse<const N: usize>(mut matrix: [[f64; N]; N]) -> Option<[[f64; N]; N]> {
+    let mut result: [[f64; N]; N] =
+        std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
+    for column in 0..N {
+        let mut pivot = column;
+        for row in column + 1..N {
+            if matrix[row][column].abs() > matrix[pivot][column].abs() {
+                pivot = row;
+            }
+        }
+        matrix.swap(column, pivot);
+        result.swap(column, pivot);
+        let value = matrix[column][column];
+        if value == 0.0 || !value.is_finite() {
+            return None;
+        }
+        let scale = 1.0 / value;
+        let pivot_row = matrix[column].map(|entry| entry * scale);
+        let pivot_result = result[column].map(|entry| entry * scale);
+        for row in 0..N {
+            let factor = if row == column { 0.0 } else { matrix[row][column] };
+            for j in 0..N {
+                matrix[row][j] -= factor * pivot_row[j];
+                result[row][j] -= factor * pivot_result[j];
+            }
+        }
+        (matrix[column], result[column]) = (pivot_row, pivot_result);
+    }
+    result.iter().flatten().all(|entry| entry.is_finite()).then_some(result)
+}
+
 /// Whether a symmetric matrix is positive definite, by the signs of the pivots of its LDLᵀ factorisation.
 #[inline(always)]
 pub(crate) fn is_positive_definite<const N: usize>(mut matrix: [[f64; N]; N]) -> bool {

@@ -17,6 +17,7 @@ mod selector;
 mod side;
 mod slack;
 mod steady;
+mod surface_points;
 
 /// Revision of the bodies, raised whenever the same mesh and options give another [`FieldBody`].
 pub const REVISION: u32 = 3;
@@ -28,3 +29,4 @@ pub use exact::{ExactDistance, Nearest};
 pub use format::FormatError;
 pub use query::{FieldOutcome, FieldQuery, FieldSettings};
 pub use samples::SurfaceSamples;
+pub use surface_points::SurfacePoint;

@@ -353,6 +353,26 @@ impl FieldQuery {
         moved.fold(0.0, f64::max)
     }
 
+    /// d of the last query, m.
+    pub(crate) fn tolerance(&self) -> f64 {
+        self.purpose.tolerance
+    }
+
+    pub(crate) fn cells(&self) -> &Cells {
+        &self.cells
+    }
+
+    /// Both bodies' samples in the other's field at a pose, probe to scene object, for the tolerance of the
+    /// last query.
+    pub(crate) fn sides_at<'a>(
+        &self,
+        probe: &'a FieldBody,
+        scene: &'a FieldBody,
+        to_scene: &Pose,
+    ) -> [Side<'a>; 2] {
+        self.sides(probe, scene, to_scene, self.purpose.tolerance)
+    }
+
     /// Begins a selection at a pose.
     fn begin(&mut self, probe: &FieldBody, scene: &FieldBody, to_scene: &Pose) {
         let reach = self.purpose.reach;

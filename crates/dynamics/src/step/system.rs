@@ -269,7 +269,7 @@ impl<'a> System<'a> {
     ///
     /// The set of the next solve is the predicted one, without the contacts left to the next step. From
     /// [`FREE_SOLVES`] on it is also a subset of the present one, so that the search ends.
-    pub(super) fn solve(&mut self) -> Option<(Twist, u64, StepStatus)> {
+    pub(crate) fn solve(&mut self) -> Option<(Twist, u64, StepStatus)> {
         let mut status = StepStatus::default();
         let mut left_for_next = 0_u64;
         let mut active = self.linearise_contacts();

@@ -19,14 +19,15 @@ use palpate_collide::{ObjectHandle, PatchContact, SceneQuery};
 use palpate_core::clod::NO_NODE;
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
-use palpate_field::{AreaContact, AreaLaw, FieldOptions, FieldQuery, FieldSettings};
+use palpate_field::{AreaContact, AreaLaw, FieldOptions, FieldQuery, FieldSettings, SurfacePoint};
 
+use super::geometry::{ContactGeometry, GuardedPoint, NearObject};
 use super::group::ContactGroup;
 use super::in_scene::InScene;
 use crate::contact::merging::{Plane, WeightedContact};
 use crate::contact::proxy::{ContactFinder, ProxyContact, QueryReport, carried};
 use crate::contact::representative::{DEFAULT_ERROR, check_error, lattice, law};
-use crate::scene::field::{Field, FieldError, field_options, find, new_query};
+use crate::scene::field::{Field, FieldError, field_options, find, new_fine_query, new_query};
 use crate::scene::object::Object;
 use crate::settings::Settings;
 
@@ -126,6 +127,10 @@ pub(super) struct ByFields {
     /// Weighted contacts of one group.
     weighted: Vec<WeightedContact>,
     planes: Vec<(Option<usize>, Plane)>,
+    /// Points of one scene object's query.
+    points: Vec<SurfacePoint>,
+    /// Points with all objects near, each with the object's index.
+    guarded: Vec<(SurfacePoint, u8)>,
 }
 
 /// A scene object's field and its queries, one for each [`Purpose`]. A query goes on from its last one if the
@@ -134,6 +139,7 @@ pub(super) struct ByFields {
 struct Side {
     field: Arc<Field>,
     queries: [Option<FieldQuery>; 2],
+    guard: Option<FieldQuery>,
 }
 
 /// Use of the contacts of a query.
@@ -167,6 +173,8 @@ impl ByFields {
             weights: Vec::with_capacity(RESERVED),
             weighted: Vec::with_capacity(RESERVED),
             planes: Vec::with_capacity(64),
+            points: Vec::with_capacity(RESERVED),
+            guarded: Vec::with_capacity(RESERVED),
         })
     }
 
@@ -177,7 +185,7 @@ impl ByFields {
             self.sides.resize_with(place + 1, || None);
         }
         let queries = [(); 2].map(|()| reserved.then(|| new_query(&self.probe, &field)));
-        self.sides[place] = Some(Side { field, queries });
+        self.sides[place] = Some(Side { field, queries, guard: None });
         self.at = None;
         Ok(())
     }
@@ -193,6 +201,11 @@ impl ByFields {
     /// Discards the result of the last query: the scene has changed.
     pub fn scene_has_changed(&mut self) {
         self.at = None;
+    }
+
+    /// The field of the body in the hand.
+    pub fn probe(&self) -> Arc<Field> {
+        Arc::clone(&self.probe)
     }
 
     /// Largest reach, m.
@@ -237,7 +250,7 @@ impl ByFields {
         let settings = self.needs.settings(reach);
         let near = |handle: ObjectHandle| Some((handle.place(), *scene.pose(handle)?));
         for (place, pose) in scene.near().filter_map(near) {
-            let Some(Some(Side { field, queries })) = self.sides.get_mut(place) else { continue };
+            let Some(Some(Side { field, queries, .. })) = self.sides.get_mut(place) else { continue };
             let query = queries[purpose as usize].get_or_insert_with(|| new_query(&self.probe, field));
             find(query, (&self.probe, mesh), (field, &pose), &settings, &mut self.found);
             self.places.resize(self.found.len(), place);
@@ -247,6 +260,64 @@ impl ByFields {
             self.at = Some((*mesh, reach));
         }
         invalid == 0
+    }
+
+    /// Finds what the haptic loop needs to hold the body out of surfaces, with the mesh's frame at a pose:
+    /// the points within a reach (m), and how far the body may move before it could touch another one, of
+    /// interest up to `enough` (m).
+    pub fn guard(
+        &mut self,
+        mesh: &Pose,
+        (reach, enough): (f64, f64),
+        scene: &mut SceneQuery,
+        geometry: &mut ContactGeometry,
+        report: &mut QueryReport,
+    ) {
+        geometry.points.clear();
+        geometry.objects.clear();
+        geometry.bound.room = 0.0;
+        self.guarded.clear();
+        let Ok(invalid) = scene.find_near(mesh, reach.max(enough)) else {
+            report.refused = true;
+            return;
+        };
+        report.refused |= invalid > 0;
+        let mut room = reach.max(enough);
+        let settings = self.needs.settings(reach);
+        let near = |handle: ObjectHandle| Some((handle.place(), *scene.pose(handle)?));
+        for (place, pose) in scene.near().filter_map(near) {
+            let Some(Some(Side { field, guard, .. })) = self.sides.get_mut(place) else { continue };
+            let to_object = pose.inverse() * *mesh;
+            let clearance = self.probe.body().clearance(field.body(), &to_object, reach.max(enough));
+            if clearance > reach || geometry.objects.is_full() {
+                room = room.min(clearance);
+                continue;
+            }
+            room = room.min(reach);
+            let query = guard.get_or_insert_with(|| new_fine_query(&self.probe, field));
+            query.run(self.probe.body(), field.body(), mesh, &pose, &settings);
+            self.points.clear();
+            let (probe, object) = ((self.probe.body(), mesh), (field.body(), &pose));
+            query.append_surface_points(probe, object, &mut self.points);
+            let index = geometry.objects.len() as u8;
+            geometry.objects.push(NearObject { field: Arc::clone(field), pose });
+            self.guarded.extend(self.points.iter().map(|point| (*point, index)));
+        }
+        let most = geometry.points.capacity();
+        if self.guarded.len() > most {
+            self.guarded.select_nth_unstable_by(most, |a, b| a.0.distance.total_cmp(&b.0.distance));
+            room = room.min(self.guarded[most].0.distance.max(0.0));
+            self.guarded.truncate(most);
+        }
+        self.guarded.sort_unstable_by_key(|(point, object)| (*object, !point.is_probe));
+        geometry.points.extend(
+            self.guarded.iter().map(|&(SurfacePoint { point, is_probe, .. }, object)| GuardedPoint {
+                point,
+                object,
+                is_probe,
+            }),
+        );
+        geometry.bound.room = room;
     }
 
     /// The deepest places of cells. They have no area, since other contacts represent theirs.

@@ -4,6 +4,7 @@
 mod assemble;
 mod by_fields;
 mod changes;
+pub(crate) mod geometry;
 mod group;
 mod in_scene;
 mod lookahead;
@@ -22,11 +23,12 @@ use std::time::Duration;
 use palpate_collide::{Budget, PatchContact, QuerySettings, SceneQuery};
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
-use palpate_dynamics::{Body, BodyState, ContactParameters, LinearContactModel};
+use palpate_dynamics::{Body, BodyState, ContactParameters, LinearContactModel, MotionBound};
 use palpate_texture_pd::Backend;
 use rtrb::Consumer;
 
 use self::by_fields::{ByFields, FieldFinder, in_steps};
+use self::geometry::ContactGeometry;
 use self::group::ContactGroup;
 use self::in_scene::{InScene, objects_of};
 use self::lookahead::Lookahead;
@@ -34,7 +36,7 @@ pub(crate) use self::search::ByLevels;
 use self::search::{RESERVED, choose};
 use self::touching::Patches;
 use crate::contact::monitor::{ContactMonitor, MonitorFeed};
-use crate::contact::proxy::{LevelFinder, Proxy};
+use crate::contact::proxy::{LevelFinder, Proxy, QueryReport};
 use crate::contact::representative::FieldError;
 use crate::contact::textures::{TextureError, Textures};
 use crate::scene::Placed;
@@ -42,7 +44,7 @@ use crate::scene::SceneId;
 use crate::scene::editor::{Edit, SceneEditor};
 use crate::scene::object::Object;
 use crate::settings::live::{ContactTuning, Ramp};
-use crate::settings::{DetailSettings, SearchSettings, Settings};
+use crate::settings::{DetailSettings, Response, SearchSettings, Settings};
 use crate::telemetry::ContactTelemetry;
 
 /// Error of making a contact loop.
@@ -55,7 +57,7 @@ pub(crate) enum ContactLoopError {
 }
 
 /// Result of a contact step, for the haptic loop.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct ContactUpdate {
     /// The linearised contacts.
     pub model: LinearContactModel,
@@ -65,6 +67,8 @@ pub struct ContactUpdate {
     pub depth: f64,
     /// Number of contacts found, before clustering.
     pub contacts: u32,
+    /// What the haptic loop needs to hold the body out of surfaces, if contacts are constraints.
+    pub(crate) geometry: Option<ContactGeometry>,
 }
 
 impl ContactUpdate {
@@ -75,6 +79,7 @@ impl ContactUpdate {
             time: f64::NAN,
             depth: 0.0,
             contacts: 0,
+            geometry: None,
         }
     }
 }
@@ -191,6 +196,9 @@ impl ContactLoop {
         let interval = time - std::mem::replace(&mut self.time, time);
         self.tune(interval);
         self.move_objects(body, time);
+        if let Some(update) = self.guard(body, time, interval) {
+            return update;
+        }
         let ahead = self.lookahead.horizon(interval);
         let tolerance = self.parameters.tolerance;
         let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);
@@ -221,7 +229,38 @@ impl ContactLoop {
             monitored.publish();
         }
         let contacts = self.groups().map(|group| group.touching.len()).sum::<usize>() + coarse;
-        ContactUpdate { model, time, depth, contacts: contacts as u32 }
+        ContactUpdate { model, time, depth, contacts: contacts as u32, geometry: None }
+    }
+
+    /// Finds the contact geometry for the haptic loop, if contacts are constraints.
+    fn guard(&mut self, body: &BodyState, time: f64, interval: f64) -> Option<ContactUpdate> {
+        if self.all_settings.contact.response != Response::Constraints
+            || !self.is_by_fields()
+            || !self.moving.is_empty()
+        {
+            return None;
+        }
+        let tolerance = self.parameters.tolerance;
+        let ahead = self.lookahead.horizon(interval);
+        let motion = self.lookahead.motion_bound(&body.twist, self.fastest, ahead);
+        let Ok(fields) = &mut self.by_fields else { return None };
+        let reach = in_steps(tolerance + motion, tolerance).max(2.0 * tolerance).min(fields.max_reach());
+        let mesh = body.pose * Pose::from_translation(-self.center_of_mass);
+        let mut geometry = ContactGeometry {
+            probe: fields.probe(),
+            center_of_mass: self.center_of_mass,
+            objects: Default::default(),
+            points: Default::default(),
+            bound: MotionBound { from: body.pose, room: 0.0, radius: self.radius },
+            friction: self.parameters.friction.dynamic_coefficient,
+            margin: 0.0,
+        };
+        let mut report = QueryReport::default();
+        fields.guard(&mesh, (reach, reach + 2.0 * motion), &mut self.scene, &mut geometry, &mut report);
+        self.telemetry.events.contact_refused += u64::from(report.refused);
+        let model = LinearContactModel::empty(&body.pose, time);
+        let contacts = geometry.points.len() as u32;
+        Some(ContactUpdate { model, time, depth: 0.0, contacts, geometry: Some(geometry) })
     }
 
     /// Moves the proxy towards a pose of the body, with contacts found within a reach (m), and counts the

@@ -2,7 +2,9 @@
 //! found.
 
 use palpate_core::Pose;
-use palpate_dynamics::ContactBlend;
+use palpate_dynamics::{BodyState, ContactBlend, MotionBound};
+
+use crate::contact::geometry::{ContactGeometry, StepContacts};
 
 use crate::telemetry::record::ModelData;
 
@@ -14,6 +16,11 @@ const MAX_STRAY: (f64, f64) = (0.5, 0.01);
 #[derive(Clone, Debug)]
 pub(super) struct BodyContacts {
     pub blend: ContactBlend,
+    /// Contact geometry, if contacts are constraints.
+    pub geometry: Option<ContactGeometry>,
+    /// Contacts of this step, and of the one before.
+    pub contacts: StepContacts,
+    before: StepContacts,
     /// Data of the newest contact model.
     pub found: ModelData,
     /// Bounding radius of the body about its centre of mass, m.
@@ -25,7 +32,28 @@ pub(super) struct BodyContacts {
 impl BodyContacts {
     pub fn new(pose: Pose, radius: f64, scale: f64) -> Self {
         let max_stray = (MAX_STRAY.0 * radius).max(MAX_STRAY.1 * scale);
-        Self { blend: ContactBlend::new(), found: ModelData::none(pose), radius, max_stray }
+        Self {
+            blend: ContactBlend::new(),
+            geometry: None,
+            contacts: StepContacts::default(),
+            before: StepContacts::default(),
+            found: ModelData::none(pose),
+            radius,
+            max_stray,
+        }
+    }
+
+    /// Finds the contacts that a step of `dt` (s) from a state may reach. Returns the bound on its motion.
+    pub fn find(&mut self, state: &BodyState, dt: f64) -> MotionBound {
+        std::mem::swap(&mut self.contacts, &mut self.before);
+        let Some(geometry) = &self.geometry else {
+            self.contacts.contacts.clear();
+            return MotionBound::NONE;
+        };
+        let speed = state.twist.linear.length() + state.twist.angular.length() * self.radius;
+        let reach = 1e-4 + 2.0 * dt * speed;
+        geometry.contacts(state, reach, &self.before, &mut self.contacts);
+        MotionBound { room: geometry.bound.room, ..geometry.bound }
     }
 
     /// Largest displacement of any point of the body since its contact model was found, |Δ**x**| + 2 r

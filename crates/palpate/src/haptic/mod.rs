@@ -16,12 +16,11 @@ mod tools;
 pub(crate) mod tracking;
 pub(crate) mod workspace;
 
+use arrayvec::ArrayVec;
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
 use palpate_device::{DeviceState, Specification, Status};
-use palpate_dynamics::{
-    ContactBlend, DeviceMapping, GripperMotion, LinearContactModel, SlewLimit, StepFailure, VirtualCoupling,
-};
+use palpate_dynamics::{ContactBlend, DeviceMapping, GripperMotion, SlewLimit, StepFailure, VirtualCoupling};
 use rtrb::Consumer;
 
 use self::body_contacts::BodyContacts;
@@ -39,7 +38,7 @@ use crate::settings::live::{HapticTuning, Ramp};
 use crate::telemetry::HapticTelemetry;
 use crate::telemetry::record::{ModelData, StepData};
 use crate::tool::rigid::Rigid;
-use crate::tool::{Hand, Tool, ToolStep};
+use crate::tool::{BodyLoads, Hand, Tool, ToolStep};
 
 /// The state of the haptic loop: the tool, its coupling to the device and the newest contact models.
 ///
@@ -193,11 +192,15 @@ impl<T: Tool> HapticLoop<T> {
     /// last two models, at most [`ContactBlend::MAX_DURATION`].
     pub(crate) fn take_model(&mut self, body: usize, update: &ContactUpdate) {
         let state = self.tool.body_state(body);
-        let Some(BodyContacts { blend, found, .. }) = self.bodies.get_mut(body) else { return };
-        let &ContactUpdate { ref model, time, depth, contacts } = update;
+        let Some(BodyContacts { blend, found, geometry: known, .. }) = self.bodies.get_mut(body) else {
+            return;
+        };
+
+        let &ContactUpdate { ref model, time, depth, contacts, ref geometry } = update;
         let since = time - found.time;
         let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::MAX_DURATION) };
         blend.arrive(model, &state, self.now - time, duration);
+        known.clone_from(geometry);
         *found = ModelData { time, pose: *model.pose(), depth, contacts };
         let contacts = self.contacts();
         let telemetry = &mut self.telemetry;
@@ -302,11 +305,18 @@ impl<T: Tool> HapticLoop<T> {
 
     /// Moves the tool by `dt` (s). After [`MAX_FAILED_STEPS`] it is placed where the hand holds it.
     fn step_tool(&mut self, hand: &Hand, dt: f64) -> ToolStep {
-        for (index, body) in self.bodies.iter_mut().enumerate() {
-            body.blend.advance(&self.tool.body_state(index), dt);
+        let mut loads = ArrayVec::<BodyLoads<'_>, 2>::new();
+        for (index, body) in self.bodies.iter_mut().enumerate().take(2) {
+            let state = self.tool.body_state(index);
+            body.blend.advance(&state, dt);
+            let bound = body.find(&state, dt);
+            let constrained = body.geometry.is_some();
+            let BodyContacts { blend, contacts, .. } = body;
+            let unilateral = contacts.contacts.as_mut_slice();
+            loads.push(BodyLoads { model: blend.contacts(), constrained, unilateral, bound });
         }
-        let bodies = &self.bodies;
-        let step = self.tool.step(hand, |body| model_of(bodies, body), dt);
+        let step = self.tool.step(hand, &mut loads, dt);
+        drop(loads);
         let events = &mut self.telemetry.events;
         events.step_refused += u64::from(step.status.failure.is_some());
         events.contacts_unsettled += u64::from(step.status.active_set_unsettled);
@@ -434,10 +444,4 @@ impl<T: Tool> HapticLoop<T> {
         telemetry.stretch_max = telemetry.stretch_max.max(stretch);
         self.tool.record(&data, step)
     }
-}
-
-/// The contact model of a body in use.
-fn model_of(bodies: &[BodyContacts], body: usize) -> &LinearContactModel {
-    static NONE: LinearContactModel = LinearContactModel::empty(&Pose::IDENTITY, f64::NAN);
-    bodies.get(body).map_or(&NONE, |body| body.blend.contacts())
 }

@@ -61,6 +61,11 @@ impl Field {
         Self { body: FieldBody::new(mesh, options), thin: thin_share(mesh, options.tolerance) }
     }
 
+    /// The field itself.
+    pub(crate) fn body(&self) -> &FieldBody {
+        &self.body
+    }
+
     /// Error of depths that are read in the field, m ([`FieldBody::error`]).
     pub fn error(&self) -> f64 {
         self.body.error()
@@ -95,6 +100,15 @@ impl Field {
 /// Makes the workspace of queries between a probe and a scene object.
 pub(crate) fn new_query(probe: &Field, scene: &Field) -> FieldQuery {
     FieldQuery::new(&probe.body, &scene.body, FIELD_REACH)
+}
+
+/// Edge of the cells in each of which the haptic loop guards a point, in bounding radii of the probe. With
+/// larger cells, places between guarded points could touch; with smaller ones there are more points.
+const GUARD_EDGE: f64 = 0.05;
+
+/// Makes the workspace of queries for the points that the haptic loop guards.
+pub(crate) fn new_fine_query(probe: &Field, scene: &Field) -> FieldQuery {
+    FieldQuery::new(&probe.body, &scene.body, GUARD_EDGE)
 }
 
 /// Finds the contacts of two fields at poses, and appends them to `into`.

@@ -59,6 +59,8 @@ pub struct LiveSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ContactSettings {
+    /// How contacts act on the grasped object.
+    pub response: Response,
     /// Stiffness k of each contact cluster, N/m.
     pub stiffness: f64,
     /// Damping b of each contact cluster, N·s/m; by default critical for the grasped mass on one cluster.
@@ -72,8 +74,24 @@ pub struct ContactSettings {
 
 impl Default for ContactSettings {
     fn default() -> Self {
-        Self { stiffness: 2000.0, damping: None, friction: 0.0, static_friction: None }
+        Self {
+            response: Response::default(),
+            stiffness: 2000.0,
+            damping: None,
+            friction: 0.0,
+            static_friction: None,
+        }
     }
+}
+
+/// How contacts act on the grasped object.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Response {
+    /// Surfaces do not pass one another: contacts are unilateral constraints.
+    Constraints,
+    /// Springs and dampers push surfaces apart.
+    #[default]
+    Penalty,
 }
 
 /// Gains of the virtual coupling between device and object. May change while a session runs.

@@ -19,7 +19,7 @@ use palpate_dynamics::{
 
 use super::error::ToolError;
 use super::gains::{Gains, Grasped};
-use super::{Hand, Moves, Tool, ToolStep};
+use super::{BodyLoads, Hand, Moves, Tool, ToolStep};
 use crate::scene::object::Object;
 use crate::settings::gripper::{DEFAULT_STIFFNESS, GripperSettings};
 use crate::telemetry::hinged_record::HingedRecord;
@@ -154,12 +154,9 @@ impl Moves for Hinged {
         springs + self.body.kinetic_energy(&self.state)
     }
 
-    fn step<'a>(
-        &mut self,
-        hand: &Hand,
-        contacts: impl Fn(usize) -> &'a LinearContactModel,
-        dt: f64,
-    ) -> ToolStep {
+    fn step(&mut self, hand: &Hand, loads: &mut [BodyLoads<'_>], dt: f64) -> ToolStep {
+        static NONE: LinearContactModel = LinearContactModel::empty(&Pose::IDENTITY, f64::NAN);
+        let contacts = |body: usize| loads.get(body).map_or(&NONE, |load| load.model);
         let frame = ArticulatedFrame {
             tool: &self.body,
             device: &hand.device,

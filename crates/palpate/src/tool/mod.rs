@@ -19,7 +19,8 @@ use std::fmt::Debug;
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Wrench};
 use palpate_dynamics::{
-    BodyState, DeviceMotion, GripperMotion, LinearContactModel, StepStatus, VirtualCoupling,
+    BodyState, DeviceMotion, GripperMotion, LinearContactModel, MotionBound, StepStatus, UnilateralContact,
+    VirtualCoupling,
 };
 
 use crate::telemetry::record::{Recorded, StepData};
@@ -61,13 +62,8 @@ pub trait Moves: Clone + Debug + Send + 'static {
     /// Potential energy of the couplings plus kinetic energy of the tool, J.
     fn energy(&self, hand: &Hand) -> f64;
 
-    /// Advances the tool by `dt` (s), with a contact model for each body.
-    fn step<'a>(
-        &mut self,
-        hand: &Hand,
-        contacts: impl Fn(usize) -> &'a LinearContactModel,
-        dt: f64,
-    ) -> ToolStep;
+    /// Advances the tool by `dt` (s), with the contacts of each body.
+    fn step(&mut self, hand: &Hand, loads: &mut [BodyLoads<'_>], dt: f64) -> ToolStep;
 
     /// Places the tool, at rest, where its couplings are relaxed; `false` if that place is not finite.
     fn reseat(&mut self, hand: &Hand) -> bool;
@@ -86,6 +82,20 @@ pub struct Hand {
     pub device: DeviceMotion,
     /// Motion of the gripper; at rest at angle 0 if there is no gripper.
     pub gripper: GripperMotion,
+}
+
+/// Contacts of a body in a step.
+#[doc(hidden)]
+#[derive(Debug)]
+pub struct BodyLoads<'a> {
+    /// Penalty contacts.
+    pub model: &'a LinearContactModel,
+    /// Whether contacts are constraints.
+    pub constrained: bool,
+    /// Unilateral contacts.
+    pub unilateral: &'a mut [UnilateralContact],
+    /// Bound on the body's motion.
+    pub bound: MotionBound,
 }
 
 /// Result of a tool's step.

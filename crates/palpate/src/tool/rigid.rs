@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
-use palpate_core::Wrench;
 use palpate_core::glam::DVec3;
-use palpate_dynamics::{Body, BodyState, Frame, Integrator, LinearContactModel, VirtualCoupling};
+use palpate_core::{Pose, Wrench};
+use palpate_dynamics::{
+    Body, BodyState, Frame, Integrator, LinearContactModel, VirtualCoupling, constrained_step,
+};
 
-use super::{Hand, Moves, Tool, ToolStep};
+use super::{BodyLoads, Hand, Moves, Tool, ToolStep};
 use crate::telemetry::record::{Record, StepData};
 
 /// A tool of one rigid body, as [`HapticRenderer::new`](crate::HapticRenderer::new) holds it.
@@ -45,20 +47,22 @@ impl Moves for Rigid {
         self.coupling.potential_energy(&self.state, &hand.device) + self.body.kinetic_energy(&self.state)
     }
 
-    fn step<'a>(
-        &mut self,
-        hand: &Hand,
-        contacts: impl Fn(usize) -> &'a LinearContactModel,
-        dt: f64,
-    ) -> ToolStep {
+    fn step(&mut self, hand: &Hand, loads: &mut [BodyLoads<'_>], dt: f64) -> ToolStep {
+        static NONE: LinearContactModel = LinearContactModel::empty(&Pose::IDENTITY, f64::NAN);
+        let load = loads.first_mut();
         let frame = Frame {
             body: &self.body,
             device: &hand.device,
             coupling: &self.coupling,
-            contacts: contacts(0),
+            contacts: load.as_ref().map_or(&NONE, |load| load.model),
             gravity: DVec3::ZERO,
         };
-        let step = self.integrator.step(&frame, &self.state, dt);
+        let step = match load {
+            Some(load) if load.constrained => {
+                constrained_step(&frame, &self.state, load.unilateral, &load.bound, dt).step
+            }
+            _ => self.integrator.step(&frame, &self.state, dt),
+        };
         self.state = step.state;
         ToolStep {
             status: step.status,

@@ -1,0 +1,76 @@
+//! Unilateral contact: the body does not pass surfaces, in place of springs that push it back (Ortega, Redon
+//! and Coquillart 2007; Wang et al. 2013).
+//!
+//! A step of the body's velocity (v, ω) with matrix A and right-hand side as in
+//! [`semi_implicit_step`](crate::semi_implicit_step), which hold mass, coupling and the springs of penalty
+//! contacts, is solved under the conditions
+//!
+//! A Δ = b − Σ Jᵢᵀ pᵢ,   0 ≤ p_n ⊥ g/h − n · (v_p − v_s) + c p_n ≥ 0,   ‖p_t‖ ≤ μ p_n
+//!
+//! for each contact, with the impulses p = (p_n, p_t) of the body on the surface, the gap g at the start of
+//! the step, the velocity v_p = v + ω × a of the contact's point and v_s of the surface. Friction opposes the
+//! sliding velocity at the end of the step. The contact conditions are solved by projected Gauss–Seidel
+//! sweeps from the impulses of the step before.
+//!
+//! # Overlap
+//!
+//! A contact that is found with an overlap (g < 0) asks for an outward velocity of at most
+//! [`ConstrainedStep::recovery`], however deep it is. Pushing it out by its depth in one step, or by a spring,
+//! would give the body energy that the hand did not put in.
+//!
+//! # Bound on motion
+//!
+//! Surfaces that are in no contact are known to be at least [`MotionBound::room`] away from where the body was
+//! when contacts were found. No point of the body moves further than that from there: a step that would is
+//! shortened, and the velocity with it, which only takes energy out. The body then waits for newer contacts.
+
+mod solver;
+mod step;
+
+use glam::DVec3;
+use palpate_core::Pose;
+
+pub use step::{ConstrainedStep, constrained_step};
+
+/// Largest number of unilateral contacts of a step.
+pub const MAX_UNILATERAL: usize = 32;
+
+/// A contact that holds a point of the body on one side of a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UnilateralContact {
+    /// **a**: the point on the body, from the centre of mass, world axes, m.
+    pub arm: DVec3,
+    /// **n**: unit normal, out of the body, world axes.
+    pub normal: DVec3,
+    /// g: distance of the point from the surface at the start of the step, m; negative for an overlap.
+    pub gap: f64,
+    /// Velocity of the surface at the point, m/s.
+    pub velocity: DVec3,
+    /// Coulomb coefficient of friction μ.
+    pub friction: f64,
+    /// Impulse of the body on the surface in the last step, N·s, world axes: the start of the iteration, and
+    /// its result.
+    pub impulse: DVec3,
+}
+
+/// The region of known surfaces: a bound on the body's motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionBound {
+    /// Pose of the body at which contacts were found.
+    pub from: Pose,
+    /// Largest displacement of any point of the body from there, m.
+    pub room: f64,
+    /// Bounding radius of the body about its centre of mass, m.
+    pub radius: f64,
+}
+
+impl MotionBound {
+    /// No bound.
+    pub const NONE: Self = Self { from: Pose::IDENTITY, room: f64::INFINITY, radius: 0.0 };
+
+    /// Bound on the displacement of any point of the body, m: |Δ**x**| + 2 r sin(θ/2).
+    pub fn displacement(&self, pose: &Pose) -> f64 {
+        let turn = 0.5 * self.from.rotation_vector_to(pose).length();
+        self.from.translation.distance(pose.translation) + 2.0 * self.radius * turn.sin()
+    }
+}

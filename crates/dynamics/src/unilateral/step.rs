@@ -1,0 +1,82 @@
+//! One haptic frame with unilateral contacts.
+
+use arrayvec::ArrayVec;
+use palpate_core::{Twist, Wrench};
+
+use super::solver::Solver;
+use super::{MotionBound, UnilateralContact};
+use crate::body::BodyState;
+use crate::linear_solve::inverse;
+use crate::step::{Frame, Step, StepFailure, System};
+
+/// Force in the coupling's damper, N, with which an overlap is undone: less than a hand feels as a push.
+const RECOVERY_FORCE: f64 = 0.05;
+
+/// Largest speed at which an overlap is undone, m/s.
+const MAX_RECOVERY: f64 = 0.02;
+
+/// Outcome of a step with unilateral contacts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConstrainedStep {
+    /// The step; its contact wrench is that of the unilateral and of the penalty contacts.
+    pub step: Step,
+    /// Whether the step was shortened by the bound on motion.
+    pub held_back: bool,
+}
+
+/// Advances the body by `dt` (s) as [`semi_implicit_step`](crate::semi_implicit_step) does, without passing
+/// the surfaces of unilateral `contacts`, and no further than a `bound`. Updates the contacts' impulses.
+///
+/// Refuses the same inputs, and keeps the same rules: nothing is allocated and nothing panics.
+pub fn constrained_step(
+    frame: &Frame<'_>,
+    state: &BodyState,
+    contacts: &mut [UnilateralContact],
+    bound: &MotionBound,
+    dt: f64,
+) -> ConstrainedStep {
+    let ended = |step| ConstrainedStep { step, held_back: false };
+    if let Some(refused) = frame.refused(state, dt) {
+        return ended(refused);
+    }
+    let mut candidates = ArrayVec::new();
+    let mut system = System::new(frame, state, dt, &mut candidates);
+    let Some((change, active, mut status)) = system.solve() else {
+        return ended(Step::failed(state, StepFailure::Singular));
+    };
+    let Some(mobility) = inverse(system.assemble(active).matrix) else {
+        return ended(Step::failed(state, StepFailure::Singular));
+    };
+    let free = Twist::new(state.twist.linear + change.linear, state.twist.angular + change.angular);
+    let recovery = (RECOVERY_FORCE / frame.coupling.linear_damping).min(MAX_RECOVERY);
+    let mut solver = Solver::new(contacts, &mobility, dt, recovery);
+    let (twist, converged) = solver.solve(&free, contacts);
+    solver.store(contacts);
+    status.unconverged = !converged;
+    let (twist, held_back) = within(bound, state, &twist, dt);
+    let next = BodyState { pose: state.pose.moved(&twist, dt), twist };
+    let mut step = frame.ended(state, &next, active, status);
+    if step.status.failure.is_none() {
+        step.contact += wrench(contacts, dt);
+    }
+    ConstrainedStep { step, held_back }
+}
+
+/// Wrench of the contacts on the body, about its centre of mass.
+fn wrench(contacts: &[UnilateralContact], dt: f64) -> Wrench {
+    contacts.iter().fold(Wrench::ZERO, |sum, contact| {
+        let force = contact.impulse / -dt;
+        sum + Wrench { force, torque: contact.arm.cross(force) }
+    })
+}
+
+/// Shortens a motion with a twist to stay within a bound.
+fn within(bound: &MotionBound, state: &BodyState, twist: &Twist, dt: f64) -> (Twist, bool) {
+    if bound.displacement(&state.pose.moved(twist, dt)) <= bound.room {
+        return (*twist, false);
+    }
+    // Displacements add up to no more than their sum.
+    let length = dt * (twist.linear.length() + twist.angular.length() * bound.radius);
+    let share = ((bound.room - bound.displacement(&state.pose)) / length).clamp(0.0, 1.0);
+    (Twist::new(twist.linear * share, twist.angular * share), true)
+}

@@ -1,0 +1,104 @@
+//! Points of the two bodies' surfaces near each other: the places that a body must not pass, whose distances
+//! are cheap to read again at another pose.
+
+use glam::{DVec3, Vec3};
+use palpate_core::Pose;
+use wide::f32x4;
+
+use crate::body::FieldBody;
+use crate::cells::ContactSample;
+use crate::deepest::deepest_around;
+use crate::query::FieldQuery;
+
+/// A point of one body's surface near the other body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// Its position in the frame of its own body's mesh, m.
+    pub point: Vec3,
+    /// Whether it is on the probe's surface, or on the scene object's.
+    pub is_probe: bool,
+    /// Its signed distance from the other body at the query's pose, m.
+    pub distance: f64,
+}
+
+impl FieldQuery {
+    /// Appends the points of the last query, with these bodies at these poses: the deepest of each cell, found
+    /// among the finest samples around it.
+    pub fn append_surface_points(
+        &self,
+        (probe, probe_pose): (&FieldBody, &Pose),
+        (scene, scene_pose): (&FieldBody, &Pose),
+        into: &mut Vec<SurfacePoint>,
+    ) {
+        let tolerance = self.tolerance();
+        let [own, other] = self.sides_at(probe, scene, &(scene_pose.inverse() * *probe_pose));
+        let mut push = |touch: &ContactSample| {
+            let (side, body) = if touch.is_probe { (&own, probe) } else { (&other, scene) };
+            let ContactSample { sample, reach, is_probe, .. } = deepest_around(side, touch);
+            let distance = (1.0 - f64::from(reach)) * tolerance;
+            into.push(SurfacePoint { point: body.samples.point(sample), is_probe, distance });
+        };
+        for cell in self.cells().iter().filter(|cell| !cell.penetrates()) {
+            push(&cell.deepest);
+        }
+        self.cells().deepest().for_each(push);
+    }
+}
+
+impl FieldBody {
+    /// Signed distances (m) of four points in the mesh's frame (m) from the surface, and their gradients.
+    /// Beyond the band they are bounds.
+    pub fn distances(&self, points: [DVec3; 4]) -> [(f64, DVec3); 4] {
+        let spacing = self.field.spacing();
+        let at = points.map(|point| ((point - self.field.origin()) / spacing).as_vec3());
+        let [x, y, z] = [0, 1, 2].map(|axis| f32x4::new(at.map(|at| at[axis])));
+        let [distance, gx, gy, gz] = self.field.read::<true>(&[x, y, z]).map(f32x4::to_array);
+        std::array::from_fn(|lane| {
+            let gradient = Vec3::new(gx[lane], gy[lane], gz[lane]).as_dvec3();
+            (f64::from(distance[lane]) * spacing, gradient)
+        })
+    }
+
+    /// A lower bound on the distance between this body and another at a relative pose (m), from spheres around
+    /// parts of this one's surface. Bounds above `enough` (m) are not refined; 0 if the surfaces may touch.
+    pub fn clearance(&self, other: &Self, to_other: &Pose, enough: f64) -> f64 {
+        // The surface between two of the finest samples is less than their spacing from one of them.
+        let gap = (f64::from(self.samples.area)).sqrt() * MAX_GAP;
+        let mut least = f64::INFINITY;
+        let mut read = 0;
+        let mut stack = arrayvec::ArrayVec::<(usize, usize), 64>::new();
+        stack.push((self.samples.levels.len().saturating_sub(1), 0));
+        while let Some((level, four)) = stack.pop() {
+            read += 1;
+            let [x, y, z, radius] = self.samples.levels[level].spheres[four].map(f32x4::to_array);
+            let center = |lane: usize| Vec3::new(x[lane], y[lane], z[lane]).as_dvec3();
+            let points = std::array::from_fn(|lane| to_other.transform_point(center(lane)));
+            for (lane, (distance, _)) in other.distances(points).into_iter().enumerate() {
+                if radius[lane] < 0.0 {
+                    continue;
+                }
+                let bound = distance - f64::from(radius[lane]) - gap;
+                let below = 4 * four + lane;
+                let refined = bound < enough
+                    && level > 1
+                    && read < MAX_READ
+                    && below < self.samples.levels[level - 1].spheres.len()
+                    && !stack.is_full();
+                if refined {
+                    stack.push((level - 1, below));
+                } else {
+                    least = least.min(bound);
+                }
+            }
+        }
+        least.max(0.0)
+    }
+}
+
+/// Largest distance of a point of the surface from the finest samples, in their spacings. With less, a bound
+/// on clearance could be too large.
+const MAX_GAP: f64 = 1.5;
+
+/// Number of readings of four spheres after which a clearance is not refined further. With more, it costs as
+/// much as a query of contacts.
+const MAX_READ: usize = 2048;
