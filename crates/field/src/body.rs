@@ -101,6 +101,11 @@ impl FieldBody {
         self.error
     }
 
+    /// Bounding radius, m.
+    pub fn radius(&self) -> f64 {
+        self.radius
+    }
+
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         self.field.bytes() + self.samples.bytes()

@@ -37,6 +37,8 @@ type Leaf = [[f32x4; 3]; 3];
 #[derive(Clone, Copy, Debug)]
 struct Triangle {
     corners: [DVec3; 3],
+    /// Index in the mesh.
+    index: u32,
     normal: DVec3,
     /// Pseudonormals of the edges from corner i to i + 1, and of the corners.
     edges: [DVec3; 3],
@@ -66,6 +68,8 @@ pub struct Nearest {
     pub distance: f64,
     /// The triangle that it is on, as a hint for a search nearby.
     pub hint: u32,
+    /// Index of that triangle in the mesh.
+    pub triangle: u32,
 }
 
 impl ExactDistance {
@@ -149,7 +153,8 @@ impl ExactDistance {
         };
         let inside = normal.dot(p - point) < 0.0;
         let distance = squared.sqrt();
-        Nearest { point, distance: if inside { -distance } else { distance }, hint }
+        let triangle = triangle.index;
+        Nearest { point, distance: if inside { -distance } else { distance }, hint, triangle }
     }
 
     /// Bytes of memory held.
@@ -265,14 +270,14 @@ impl Node {
 
 /// Feature of a triangle on which a point lies.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Feature {
+pub(crate) enum Feature {
     Face,
     Edge(usize),
     Vertex(usize),
 }
 
 /// The point of a triangle nearest to a point (Ericson 2005, §5.1.5).
-fn closest(p: DVec3, &[a, b, c]: &[DVec3; 3]) -> (DVec3, Feature) {
+pub(crate) fn closest(p: DVec3, &[a, b, c]: &[DVec3; 3]) -> (DVec3, Feature) {
     // Voronoi regions of the corners and edges in turn; va, vb, vc are barycentric coordinates times their
     // sum.
     let (ab, ac, ap) = (b - a, c - a, p - a);
@@ -327,6 +332,7 @@ fn with_pseudonormals(mesh: &TriMesh) -> Vec<Triangle> {
         let (corners, indices) = (mesh.corners(t), mesh.triangles()[t]);
         Triangle {
             corners,
+            index: t as u32,
             normal: normal(corners).normalize_or_zero(),
             edges: [0, 1, 2]
                 .map(|i| of_edge.get(&edge(indices[i], indices[(i + 1) % 3])).copied().unwrap_or_default()),

@@ -15,7 +15,7 @@ use crate::body::FieldBody;
 use crate::cells::{Cell, Cells, ContactSample};
 use crate::deepest::deepest_around;
 use crate::front::{Front, MAX_SLOPE, NEAR_MARGIN, SLACK};
-use crate::selection::{Held, SelectedFour};
+use crate::selection::{Held, SelectedFour, Selection};
 use crate::selector::Selector;
 use crate::side::Side;
 use crate::slack::{changes, motion_bound};
@@ -358,8 +358,8 @@ impl FieldQuery {
         self.purpose.tolerance
     }
 
-    pub(crate) fn cells(&self) -> &Cells {
-        &self.cells
+    pub(crate) fn selections(&self) -> &[Selection; 2] {
+        &self.held.sides
     }
 
     /// Both bodies' samples in the other's field at a pose, probe to scene object, for the tolerance of the

@@ -1,14 +1,17 @@
 //! Points of the two bodies' surfaces near each other: the places that a body must not pass, whose distances
 //! are cheap to read again at another pose.
 
+use std::cmp::Ordering;
+use std::collections::HashMap;
+
 use glam::{DVec3, Vec3};
 use palpate_core::Pose;
 use wide::f32x4;
 
 use crate::body::FieldBody;
-use crate::cells::ContactSample;
-use crate::deepest::deepest_around;
 use crate::query::FieldQuery;
+use crate::samples::Sample;
+use crate::selection::SelectedFour;
 
 /// A point of one body's surface near the other body.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,26 +25,46 @@ pub struct SurfacePoint {
 }
 
 impl FieldQuery {
-    /// Appends the points of the last query, with these bodies at these poses: the deepest of each cell, found
-    /// among the finest samples around it.
+    /// Appends points of the samples of the last query, with these bodies at these poses: the nearest of each
+    /// cell, a cube of an edge (m) and a direction.
     pub fn append_surface_points(
         &self,
         (probe, probe_pose): (&FieldBody, &Pose),
         (scene, scene_pose): (&FieldBody, &Pose),
+        edge: f64,
         into: &mut Vec<SurfacePoint>,
     ) {
         let tolerance = self.tolerance();
-        let [own, other] = self.sides_at(probe, scene, &(scene_pose.inverse() * *probe_pose));
-        let mut push = |touch: &ContactSample| {
-            let (side, body) = if touch.is_probe { (&own, probe) } else { (&other, scene) };
-            let ContactSample { sample, reach, is_probe, .. } = deepest_around(side, touch);
-            let distance = (1.0 - f64::from(reach)) * tolerance;
-            into.push(SurfacePoint { point: body.samples.point(sample), is_probe, distance });
-        };
-        for cell in self.cells().iter().filter(|cell| !cell.penetrates()) {
-            push(&cell.deepest);
+        let sides = self.sides_at(probe, scene, &(scene_pose.inverse() * *probe_pose));
+        let mut cells: HashMap<[i16; 5], (f32, Sample)> = HashMap::new();
+        let per_edge = (1.0 / edge) as f32;
+        for (side, selection) in sides.iter().zip(self.selections()) {
+            for SelectedFour { points, samples, .. } in selection.fours() {
+                let read = side.read(&points);
+                side.contacts(&points, &read, |lane, touch| {
+                    let Some(&sample) = samples.get(lane) else { return };
+                    let [x, y, z] = (touch.point * per_edge).floor().to_array().map(|at| at as i16);
+                    let size = touch.normal.abs();
+                    let axis = size.max_position();
+                    let direction = 2 * axis as i16 + i16::from(touch.normal[axis] < 0.0);
+                    let key = [x, y, z, direction, i16::from(touch.is_probe)];
+                    let deepest = cells.entry(key).or_insert((f32::NEG_INFINITY, sample));
+                    if touch.reach > deepest.0 {
+                        *deepest = (touch.reach, sample);
+                    }
+                });
+            }
         }
-        self.cells().deepest().for_each(push);
+        let first = into.len();
+        into.extend(cells.into_iter().map(|(key, (reach, sample))| {
+            let is_probe = key[4] == 1;
+            let body = if is_probe { probe } else { scene };
+            let distance = (1.0 - f64::from(reach)) * tolerance;
+            SurfacePoint { point: body.samples.point(sample), is_probe, distance }
+        }));
+        // The order of a hash map is not reproducible.
+        let key = |point: &SurfacePoint| (point.distance, point.point.to_array());
+        into[first..].sort_unstable_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(Ordering::Equal));
     }
 }
 

@@ -19,7 +19,9 @@ use palpate_collide::{ObjectHandle, PatchContact, SceneQuery};
 use palpate_core::clod::NO_NODE;
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
-use palpate_field::{AreaContact, AreaLaw, FieldOptions, FieldQuery, FieldSettings, SurfacePoint};
+use palpate_field::{
+    AreaContact, AreaLaw, FeatureMesh, FieldOptions, FieldQuery, FieldSettings, Leash, SurfacePoint,
+};
 
 use super::geometry::{ContactGeometry, GuardedPoint, NearObject};
 use super::group::ContactGroup;
@@ -27,7 +29,7 @@ use super::in_scene::InScene;
 use crate::contact::merging::{Plane, WeightedContact};
 use crate::contact::proxy::{ContactFinder, ProxyContact, QueryReport, carried};
 use crate::contact::representative::{DEFAULT_ERROR, check_error, lattice, law};
-use crate::scene::field::{Field, FieldError, field_options, find, new_fine_query, new_query};
+use crate::scene::field::{Field, FieldError, GUARD_EDGE, field_options, find, new_fine_query, new_query};
 use crate::scene::object::Object;
 use crate::settings::Settings;
 
@@ -203,11 +205,6 @@ impl ByFields {
         self.at = None;
     }
 
-    /// The field of the body in the hand.
-    pub fn probe(&self) -> Arc<Field> {
-        Arc::clone(&self.probe)
-    }
-
     /// Largest reach, m.
     pub fn max_reach(&self) -> f64 {
         self.needs.options.band
@@ -269,7 +266,7 @@ impl ByFields {
         &mut self,
         mesh: &Pose,
         (reach, enough): (f64, f64),
-        scene: &mut SceneQuery,
+        (scene, surface_of): (&mut SceneQuery, impl Fn(usize) -> Option<Arc<FeatureMesh>>),
         geometry: &mut ContactGeometry,
         report: &mut QueryReport,
     ) {
@@ -298,9 +295,11 @@ impl ByFields {
             query.run(self.probe.body(), field.body(), mesh, &pose, &settings);
             self.points.clear();
             let (probe, object) = ((self.probe.body(), mesh), (field.body(), &pose));
-            query.append_surface_points(probe, object, &mut self.points);
+            let edge = GUARD_EDGE * self.probe.body().radius();
+            query.append_surface_points(probe, object, edge, &mut self.points);
+            let Some(surface) = surface_of(place) else { continue };
             let index = geometry.objects.len() as u8;
-            geometry.objects.push(NearObject { field: Arc::clone(field), pose });
+            geometry.objects.push(NearObject { surface, pose });
             self.guarded.extend(self.points.iter().map(|point| (*point, index)));
         }
         let most = geometry.points.capacity();
@@ -310,13 +309,23 @@ impl ByFields {
             self.guarded.truncate(most);
         }
         self.guarded.sort_unstable_by_key(|(point, object)| (*object, !point.is_probe));
-        geometry.points.extend(
-            self.guarded.iter().map(|&(SurfacePoint { point, is_probe, .. }, object)| GuardedPoint {
-                point,
-                object,
-                is_probe,
-            }),
-        );
+        let leash = GUARD_EDGE * self.probe.body().radius();
+        for &(SurfacePoint { point, is_probe, .. }, object) in &self.guarded {
+            let NearObject { surface, pose } = &geometry.objects[usize::from(object)];
+            let (own, other) = if is_probe {
+                ((&*geometry.probe, mesh), (&**surface, pose))
+            } else {
+                ((&**surface, pose), (&*geometry.probe, mesh))
+            };
+            let home = point.as_dvec3();
+            let place = own.0.place_near(home);
+            let to_other = other.1.inverse() * *own.1;
+            let face = other.0.nearest(to_other.transform_point(own.0.position(&place))).face;
+            let leash = Leash { home, length: leash };
+            let guarded = GuardedPoint { place, leash, face, object, is_probe, stride: 1.0, slack: 0.0 };
+            geometry.points.push(guarded);
+        }
+        if std::env::var_os("DBG").is_some() { eprintln!("guard {} of {} room {:.3e} reach {:.3e} probe {}", geometry.points.len(), self.points.len(), room, reach, geometry.points.iter().filter(|p| p.is_probe).count()); }
         geometry.bound.room = room;
     }
 

@@ -47,6 +47,9 @@ use crate::settings::live::{ContactTuning, Ramp};
 use crate::settings::{DetailSettings, Response, SearchSettings, Settings};
 use crate::telemetry::ContactTelemetry;
 
+/// Distance at which surfaces are held apart, m. Without it rounding lets them overlap.
+const MARGIN: f64 = 5e-6;
+
 /// Error of making a contact loop.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ContactLoopError {
@@ -247,16 +250,19 @@ impl ContactLoop {
         let reach = in_steps(tolerance + motion, tolerance).max(2.0 * tolerance).min(fields.max_reach());
         let mesh = body.pose * Pose::from_translation(-self.center_of_mass);
         let mut geometry = ContactGeometry {
-            probe: fields.probe(),
+            probe: self.probe.features()?,
             center_of_mass: self.center_of_mass,
             objects: Default::default(),
             points: Default::default(),
             bound: MotionBound { from: body.pose, room: 0.0, radius: self.radius },
             friction: self.parameters.friction.dynamic_coefficient,
-            margin: 0.0,
+            margin: MARGIN,
         };
         let mut report = QueryReport::default();
-        fields.guard(&mesh, (reach, reach + 2.0 * motion), &mut self.scene, &mut geometry, &mut report);
+        let objects = &self.objects;
+        let surface_of = |place: usize| objects.get(place)?.as_ref()?.object.features();
+        let scene = (&mut self.scene, surface_of);
+        fields.guard(&mesh, (reach, reach + 2.0 * motion), scene, &mut geometry, &mut report);
         self.telemetry.events.contact_refused += u64::from(report.refused);
         let model = LinearContactModel::empty(&body.pose, time);
         let contacts = geometry.points.len() as u32;

@@ -46,14 +46,15 @@ impl BodyContacts {
     /// Finds the contacts that a step of `dt` (s) from a state may reach. Returns the bound on its motion.
     pub fn find(&mut self, state: &BodyState, dt: f64) -> MotionBound {
         std::mem::swap(&mut self.contacts, &mut self.before);
-        let Some(geometry) = &self.geometry else {
+        let Some(geometry) = &mut self.geometry else {
             self.contacts.contacts.clear();
             return MotionBound::NONE;
         };
         let speed = state.twist.linear.length() + state.twist.angular.length() * self.radius;
         let reach = 1e-4 + 2.0 * dt * speed;
-        geometry.contacts(state, reach, &self.before, &mut self.contacts);
-        MotionBound { room: geometry.bound.room, ..geometry.bound }
+        let moved = dt * speed;
+        geometry.contacts(state, (moved, reach), &self.before, &mut self.contacts);
+        geometry.bound
     }
 
     /// Largest displacement of any point of the body since its contact model was found, |Δ**x**| + 2 r

@@ -104,11 +104,11 @@ pub(crate) fn new_query(probe: &Field, scene: &Field) -> FieldQuery {
 
 /// Edge of the cells in each of which the haptic loop guards a point, in bounding radii of the probe. With
 /// larger cells, places between guarded points could touch; with smaller ones there are more points.
-const GUARD_EDGE: f64 = 0.05;
+pub(crate) const GUARD_EDGE: f64 = 0.02;
 
 /// Makes the workspace of queries for the points that the haptic loop guards.
 pub(crate) fn new_fine_query(probe: &Field, scene: &Field) -> FieldQuery {
-    FieldQuery::new(&probe.body, &scene.body, GUARD_EDGE)
+    FieldQuery::new(&probe.body, &scene.body, 2.5 * GUARD_EDGE)
 }
 
 /// Finds the contacts of two fields at poses, and appends them to `into`.

@@ -16,7 +16,7 @@ use palpate_mesh_io::{LoadError, LoadOptions, LoadWarning};
 use palpate_models::{Model, ModelError};
 use palpate_texture_pd::{BakeError, BakeOptions, BakeReport, HeightImage, SurfaceError, TexturedSurface};
 
-use palpate_field::FieldOptions;
+use palpate_field::{FeatureMesh, FieldOptions};
 
 use crate::scene::cache;
 use crate::scene::field::{Field, FieldError, welded};
@@ -39,6 +39,8 @@ pub struct Object {
     texture: Option<Arc<TexturedSurface>>,
     /// Surface of the hierarchy without texture, made on first use.
     plain: Arc<OnceLock<Arc<TexturedSurface>>>,
+    /// Linked features of the surface at full resolution, made on first use; `None` without triangles.
+    features: Arc<OnceLock<Option<Arc<FeatureMesh>>>>,
     /// Fields made so far with their options, the oldest first.
     fields: Arc<Mutex<Vec<KeptField>>>,
 }
@@ -279,6 +281,7 @@ impl Object {
             shape: Arc::default(),
             texture: None,
             plain: Arc::default(),
+            features: Arc::default(),
             fields: Arc::default(),
         }
     }
@@ -313,6 +316,12 @@ impl Object {
             let hull = self.clod.hull(&leaf);
             self.clod.patch(&leaf).iter().map(move |triangle| triangle.map(|corner| hull[corner as usize]))
         })
+    }
+
+    /// Linked features of the surface at full resolution; `None` without triangles.
+    pub(crate) fn features(&self) -> Option<Arc<FeatureMesh>> {
+        let made = || welded(self.triangles()).map(|mesh| Arc::new(FeatureMesh::new(&mesh)));
+        self.features.get_or_init(made).clone()
     }
 
     /// Distance field of the surface at full resolution. The first call with given options makes the field,

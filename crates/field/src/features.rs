@@ -1,0 +1,366 @@
+//! Exact distances by local descent over the features of meshes: vertices, edges and faces that are linked to
+//! their neighbours (D. E. Johnson and P. Willemsen, *Six degree-of-freedom haptic rendering of complex
+//! polygonal models*, 2003).
+//!
+//! A search starts where the last one ended, and moves on to a neighbour while that is nearer. Bodies move
+//! little from step to step, so that it visits a few features. It finds a local minimum: a thin wall's other
+//! side is never taken for the near one.
+
+use std::collections::HashMap;
+
+use glam::DVec3;
+use palpate_core::TriMesh;
+
+use crate::exact::{ExactDistance, Feature, closest};
+
+/// Index of no face.
+const NONE: u32 = u32::MAX;
+
+/// Largest number of faces that a walk visits. With fewer, a walk over many small faces ends early, and its
+/// distance is too large.
+const MAX_WALK: usize = 32;
+
+/// Smallest downward slope at which a place leaves a vertex. With less, rounding moves places to and fro
+/// between parallel faces.
+const MIN_SLOPE: f64 = 1e-3;
+
+/// Smallest move along an edge, as a fraction of it. With less, a place never leaves an edge that it moves
+/// along.
+const MIN_STEP: f64 = 1e-3;
+
+/// A mesh whose features are linked to their neighbours.
+#[derive(Clone, Debug)]
+pub struct FeatureMesh {
+    vertices: Vec<DVec3>,
+    /// Angle-weighted pseudonormals of the vertices.
+    normals: Vec<DVec3>,
+    faces: Vec<Face>,
+    /// Ends of the edges.
+    edges: Vec<[u32; 2]>,
+    /// Faces on both sides of the edges.
+    sides: Vec<[u32; 2]>,
+    faces_around: Lists,
+    edges_around: Lists,
+    exact: ExactDistance,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Face {
+    corners: [u32; 3],
+    /// Faces across the edges from corner i to i + 1.
+    neighbours: [u32; 3],
+    edges: [u32; 3],
+    normal: DVec3,
+}
+
+/// A list for each vertex.
+#[derive(Clone, Debug)]
+struct Lists {
+    starts: Vec<u32>,
+    entries: Vec<u32>,
+}
+
+/// A place on the vertices and edges of a mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Place {
+    /// A vertex.
+    Vertex(u32),
+    /// A point of an edge, at a fraction of its length.
+    Edge(u32, f64),
+}
+
+/// The point of a surface nearest to another point, among those near by.
+#[derive(Clone, Copy, Debug)]
+pub struct ClosestPoint {
+    /// Its position, m.
+    pub point: DVec3,
+    /// Signed distance from it, negative inside, m.
+    pub distance: f64,
+    /// Unit gradient of the distance: out of the surface.
+    pub normal: DVec3,
+    /// The face that it is on, from which the next walk starts.
+    pub face: u32,
+}
+
+/// The part of a surface that a place stays in as it descends.
+#[derive(Clone, Copy, Debug)]
+pub struct Leash {
+    /// Centre, in the mesh's frame, m.
+    pub home: DVec3,
+    /// Largest distance from there, m.
+    pub length: f64,
+}
+
+impl Lists {
+    /// Makes the lists of pairs (vertex, entry).
+    fn new(vertices: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Self {
+        let mut starts = vec![0; vertices + 1];
+        for (vertex, _) in pairs.clone() {
+            starts[vertex as usize + 1] += 1;
+        }
+        for vertex in 0..vertices {
+            starts[vertex + 1] += starts[vertex];
+        }
+        let mut next = starts.clone();
+        let mut entries = vec![0; starts[vertices] as usize];
+        for (vertex, entry) in pairs {
+            entries[next[vertex as usize] as usize] = entry;
+            next[vertex as usize] += 1;
+        }
+        Self { starts, entries }
+    }
+
+    fn of(&self, vertex: u32) -> &[u32] {
+        let range = self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize;
+        &self.entries[range]
+    }
+
+    fn bytes(&self) -> usize {
+        (self.starts.capacity() + self.entries.capacity()) * size_of::<u32>()
+    }
+}
+
+impl FeatureMesh {
+    /// Links the features of a mesh.
+    ///
+    /// # Panics
+    /// If the mesh has no triangles.
+    pub fn new(mesh: &TriMesh) -> Self {
+        let corners = mesh.triangles();
+        let mut edges = Vec::with_capacity(corners.len() * 3 / 2);
+        let mut sides = Vec::with_capacity(corners.len() * 3 / 2);
+        let mut known: HashMap<[u32; 2], (u32, u32, usize)> = HashMap::new();
+        let mut faces: Vec<Face> = Vec::with_capacity(corners.len());
+        for (index, &corners) in corners.iter().enumerate() {
+            let [a, b, c] = mesh.corners(index);
+            let normal = (b - a).cross(c - a).normalize_or_zero();
+            let mut face = Face { corners, neighbours: [NONE; 3], edges: [0; 3], normal };
+            for i in 0..3 {
+                let (from, to) = (corners[i], corners[(i + 1) % 3]);
+                match known.get(&[from.min(to), from.max(to)]) {
+                    Some(&(edge, other, place)) => {
+                        face.edges[i] = edge;
+                        face.neighbours[i] = other;
+                        faces[other as usize].neighbours[place] = index as u32;
+                        sides[edge as usize] = [other, index as u32];
+                    }
+                    None => {
+                        face.edges[i] = edges.len() as u32;
+                        known.insert([from.min(to), from.max(to)], (edges.len() as u32, index as u32, i));
+                        edges.push([from, to]);
+                        sides.push([index as u32, NONE]);
+                    }
+                }
+            }
+            faces.push(face);
+        }
+        let count = mesh.vertices().len();
+        let around = |index: usize, face: &Face| face.corners.map(|corner| (corner, index as u32));
+        let faces_around =
+            Lists::new(count, faces.iter().enumerate().flat_map(|(index, face)| around(index, face)));
+        let ends = edges.iter().enumerate().flat_map(|(index, ends)| ends.map(|end| (end, index as u32)));
+        let edges_around = Lists::new(count, ends);
+        let mut normals = vec![DVec3::ZERO; count];
+        for (index, face) in faces.iter().enumerate() {
+            let at = mesh.corners(index);
+            for i in 0..3 {
+                let (next, last) = (at[(i + 1) % 3] - at[i], at[(i + 2) % 3] - at[i]);
+                normals[face.corners[i] as usize] += face.normal * next.angle_between(last);
+            }
+        }
+        normals.iter_mut().for_each(|normal| *normal = normal.normalize_or(DVec3::Z));
+        let exact = ExactDistance::new(mesh);
+        Self { vertices: mesh.vertices().to_vec(), normals, faces, edges, sides, faces_around, edges_around, exact }
+    }
+
+    /// Bytes of memory held.
+    pub fn bytes(&self) -> usize {
+        size_of::<Self>()
+            + (self.vertices.capacity() + self.normals.capacity()) * size_of::<DVec3>()
+            + self.faces.capacity() * size_of::<Face>()
+            + (self.edges.capacity() + self.sides.capacity()) * size_of::<[u32; 2]>()
+            + self.faces_around.bytes()
+            + self.edges_around.bytes()
+            + self.exact.bytes()
+    }
+
+    fn corners(&self, face: u32) -> [DVec3; 3] {
+        self.faces[face as usize].corners.map(|corner| self.vertices[corner as usize])
+    }
+
+    /// The point of the surface nearest to a point (m), found from a face near it by a walk over neighbours.
+    pub fn walk(&self, p: DVec3, face: u32) -> ClosestPoint {
+        let at = |face: u32| {
+            let (point, feature) = closest(p, &self.corners(face));
+            (point, feature, point.distance_squared(p))
+        };
+        let mut current = face;
+        let (mut point, mut feature, mut squared) = at(face);
+        for _ in 0..MAX_WALK {
+            let candidates: &[u32] = match feature {
+                Feature::Face => break,
+                Feature::Edge(edge) => &self.faces[current as usize].neighbours[edge..=edge],
+                Feature::Vertex(vertex) => self.faces_around.of(self.faces[current as usize].corners[vertex]),
+            };
+            let before = squared;
+            for &candidate in candidates.iter().filter(|face| **face != NONE) {
+                let found = at(candidate);
+                if found.2 < squared {
+                    (point, feature, squared) = found;
+                    current = candidate;
+                }
+            }
+            if squared >= before {
+                break;
+            }
+        }
+        self.conclude(p, current, point, feature, squared.sqrt())
+    }
+
+    fn conclude(&self, p: DVec3, face: u32, point: DVec3, feature: Feature, distance: f64) -> ClosestPoint {
+        let own = &self.faces[face as usize];
+        let outward = match feature {
+            Feature::Face => own.normal,
+            Feature::Edge(edge) => {
+                let other = own.neighbours[edge];
+                let across = if other == NONE { own.normal } else { self.faces[other as usize].normal };
+                (own.normal + across).normalize_or(own.normal)
+            }
+            Feature::Vertex(vertex) => self.normals[own.corners[vertex] as usize],
+        };
+        let sign = if outward.dot(p - point) < 0.0 { -1.0 } else { 1.0 };
+        // Over a face the direction is the face's normal, at any distance.
+        let normal = match feature {
+            Feature::Face => outward,
+            _ => ((p - point) * sign).try_normalize().unwrap_or(outward),
+        };
+        ClosestPoint { point, distance: sign * distance, normal, face }
+    }
+
+    /// The point of the whole surface nearest to a point, m.
+    pub fn nearest(&self, p: DVec3) -> ClosestPoint {
+        self.walk(p, self.exact.nearest(p, 0).triangle)
+    }
+
+    /// The place on vertices and edges nearest to a point of the surface, m.
+    pub fn place_near(&self, p: DVec3) -> Place {
+        let face = self.exact.nearest(p, 0).triangle;
+        let mut best = (f64::INFINITY, Place::Vertex(0));
+        for &edge in &self.faces[face as usize].edges {
+            let place = self.on_edge(edge, self.along(edge, p));
+            let squared = self.position(&place).distance_squared(p);
+            if squared < best.0 {
+                best = (squared, place);
+            }
+        }
+        best.1
+    }
+
+    /// Position of a place, m.
+    pub fn position(&self, place: &Place) -> DVec3 {
+        match *place {
+            Place::Vertex(vertex) => self.vertices[vertex as usize],
+            Place::Edge(edge, at) => {
+                let [from, to] = self.ends(edge);
+                from + (to - from) * at
+            }
+        }
+    }
+
+    fn ends(&self, edge: u32) -> [DVec3; 2] {
+        self.edges[edge as usize].map(|end| self.vertices[end as usize])
+    }
+
+    /// Fraction of an edge at which it is nearest to a point, 0 to 1.
+    fn along(&self, edge: u32, p: DVec3) -> f64 {
+        let [from, to] = self.ends(edge);
+        let along = to - from;
+        ((p - from).dot(along) / along.length_squared()).clamp(0.0, 1.0)
+    }
+
+    /// The place at a fraction of an edge: a vertex at its ends.
+    fn on_edge(&self, edge: u32, at: f64) -> Place {
+        let [from, to] = self.edges[edge as usize];
+        if at <= 0.0 {
+            Place::Vertex(from)
+        } else if at >= 1.0 {
+            Place::Vertex(to)
+        } else {
+            Place::Edge(edge, at)
+        }
+    }
+
+    /// A place further down on the way to the one that is nearest to another surface, or `None` if this is a
+    /// local minimum. `normal` is the gradient of the distance from the other surface at the place, in this
+    /// mesh's frame; `stride` is the fraction of the way along an edge.
+    pub fn descend(&self, place: &Place, normal: DVec3, stride: f64, leash: &Leash) -> Option<Place> {
+        match *place {
+            Place::Edge(edge, at) => {
+                let [from, to] = self.ends(edge);
+                let slope = normal.dot((to - from).normalize_or_zero());
+                let end = self.leashed(edge, if slope > 0.0 { 0.0 } else { 1.0 }, leash);
+                let next = at + (end - at) * stride;
+                if slope.abs() > MIN_SLOPE && (next - at).abs() > MIN_STEP {
+                    return Some(self.on_edge(edge, next));
+                }
+                self.across_a_face(edge, at, normal, leash)
+            }
+            Place::Vertex(vertex) => {
+                let from = self.vertices[vertex as usize];
+                let mut steepest = (-MIN_SLOPE, None);
+                for &edge in self.edges_around.of(vertex) {
+                    let [a, b] = self.edges[edge as usize];
+                    let to = self.vertices[if a == vertex { b } else { a } as usize];
+                    let along = to - from;
+                    let slope = normal.dot(along) / along.length();
+                    if slope < steepest.0 {
+                        steepest = (slope, Some((edge, a == vertex)));
+                    }
+                }
+                let (edge, is_first) = steepest.1?;
+                let (at, end) = if is_first { (0.0, 1.0) } else { (1.0, 0.0) };
+                let end = self.leashed(edge, end, leash);
+                let next = at + (end - at) * stride;
+                ((next - at).abs() > MIN_STEP).then(|| self.on_edge(edge, next))
+            }
+        }
+    }
+
+    /// The place on another edge of a face beside an edge that is straight down from there.
+    fn across_a_face(&self, edge: u32, at: f64, normal: DVec3, leash: &Leash) -> Option<Place> {
+        let [from, to] = self.ends(edge);
+        let position = from + (to - from) * at;
+        let mut best = (-MIN_SLOPE, None);
+        for &face in self.sides[edge as usize].iter().filter(|face| **face != NONE) {
+            let Face { edges, normal: outward, .. } = self.faces[face as usize];
+            let down = -normal.reject_from(outward);
+            // The wall through the place along `down` and the face's normal.
+            let across = down.cross(outward);
+            for &other in edges.iter().filter(|other| **other != edge) {
+                let [a, b] = self.ends(other);
+                let (before, after) = (across.dot(a - position), across.dot(b - position));
+                if before * after > 0.0 || before == after {
+                    continue;
+                }
+                let place = self.on_edge(other, before / (before - after));
+                let there = self.position(&place) - position;
+                let slope = normal.dot(there) / there.length();
+                if slope < best.0 {
+                    best = (slope, Some(place));
+                }
+            }
+        }
+        best.1.filter(|place| self.position(place).distance_squared(leash.home) <= leash.length.powi(2))
+    }
+
+    /// A fraction of an edge, moved to where the edge is within a leash.
+    fn leashed(&self, edge: u32, at: f64, leash: &Leash) -> f64 {
+        let [from, to] = self.ends(edge);
+        let (along, off) = (to - from, from - leash.home);
+        let (square, half) = (along.length_squared(), along.dot(off));
+        let root = half * half - square * (off.length_squared() - leash.length * leash.length);
+        let middle = -half / square;
+        let reach = root.max(0.0).sqrt() / square;
+        at.clamp((middle - reach).clamp(0.0, 1.0), (middle + reach).clamp(0.0, 1.0))
+    }
+}
