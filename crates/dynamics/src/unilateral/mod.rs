@@ -60,13 +60,15 @@ pub struct MotionBound {
     pub from: Pose,
     /// Largest displacement of any point of the body from there, m.
     pub room: f64,
+    /// Largest displacement of any point of the body in one step, m.
+    pub step: f64,
     /// Bounding radius of the body about its centre of mass, m.
     pub radius: f64,
 }
 
 impl MotionBound {
     /// No bound.
-    pub const NONE: Self = Self { from: Pose::IDENTITY, room: f64::INFINITY, radius: 0.0 };
+    pub const NONE: Self = Self { from: Pose::IDENTITY, room: f64::INFINITY, step: f64::INFINITY, radius: 0.0 };
 
     /// Bound on the displacement of any point of the body, m: |Δ**x**| + 2 r sin(θ/2).
     pub fn displacement(&self, pose: &Pose) -> f64 {

@@ -72,11 +72,13 @@ fn wrench(contacts: &[UnilateralContact], dt: f64) -> Wrench {
 
 /// Shortens a motion with a twist to stay within a bound.
 fn within(bound: &MotionBound, state: &BodyState, twist: &Twist, dt: f64) -> (Twist, bool) {
-    if bound.displacement(&state.pose.moved(twist, dt)) <= bound.room {
+    let length = dt * (twist.linear.length() + twist.angular.length() * bound.radius);
+    let is_near = bound.displacement(&state.pose.moved(twist, dt)) <= bound.room;
+    if is_near && length <= bound.step {
         return (*twist, false);
     }
     // Displacements add up to no more than their sum.
-    let length = dt * (twist.linear.length() + twist.angular.length() * bound.radius);
-    let share = ((bound.room - bound.displacement(&state.pose)) / length).clamp(0.0, 1.0);
+    let room = if is_near { bound.step } else { bound.step.min(bound.room - bound.displacement(&state.pose)) };
+    let share = (room / length).clamp(0.0, 1.0);
     (Twist::new(twist.linear * share, twist.angular * share), true)
 }

@@ -69,6 +69,11 @@ pub(crate) struct StepContacts {
     pub room: f64,
 }
 
+/// Largest distance (m) and smallest cosine of the angle between normals of contacts that are one. With less,
+/// points that have descended to the same place use up the contacts of a step.
+const SAME_PLACE: f64 = 2e-5;
+const SAME_NORMAL: f64 = 0.999;
+
 /// Largest number of moves of a point in a step.
 const MAX_MOVES: u32 = 3;
 
@@ -168,6 +173,14 @@ impl GuardedPoint {
 
 impl StepContacts {
     fn push(&mut self, contact: UnilateralContact, point: u16) {
+        let same = |known: &&mut UnilateralContact| {
+            known.arm.distance_squared(contact.arm) < SAME_PLACE * SAME_PLACE
+                && known.normal.dot(contact.normal) > SAME_NORMAL
+        };
+        if let Some(known) = self.contacts.iter_mut().find(same) {
+            known.gap = known.gap.min(contact.gap);
+            return;
+        }
         if self.contacts.is_full() {
             let furthest = self.contacts.iter().enumerate().max_by(|a, b| a.1.gap.total_cmp(&b.1.gap));
             let Some((furthest, gap)) = furthest.map(|(index, known)| (index, known.gap)) else { return };

@@ -254,7 +254,7 @@ impl ContactLoop {
             center_of_mass: self.center_of_mass,
             objects: Default::default(),
             points: Default::default(),
-            bound: MotionBound { from: body.pose, room: 0.0, radius: self.radius },
+            bound: MotionBound { from: body.pose, room: 0.0, step: f64::INFINITY, radius: self.radius },
             friction: self.parameters.friction.dynamic_coefficient,
             margin: MARGIN,
         };

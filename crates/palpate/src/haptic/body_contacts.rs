@@ -54,7 +54,7 @@ impl BodyContacts {
         let reach = 1e-4 + 2.0 * dt * speed;
         let moved = dt * speed;
         geometry.contacts(state, (moved, reach), &self.before, &mut self.contacts);
-        geometry.bound
+        MotionBound { step: self.contacts.room, ..geometry.bound }
     }
 
     /// Largest displacement of any point of the body since its contact model was found, |Δ**x**| + 2 r
