@@ -84,7 +84,7 @@ impl Gains {
             placement,
             coupling,
             limits,
-            velocity_lags: limits.in_world(settings.device.workspace_scale).velocity_lags(&coupling),
+            velocity_lags: velocity_lags(settings, &coupling, &limits, specification),
             contacts,
             slew: slew(settings, &limits),
             max_damping: max_damping(settings, &coupling, &limits),
@@ -182,6 +182,42 @@ fn coupling(settings: &Settings, body: &Body, grasp: Pose, limits: &PortLimits) 
     coupling.linear_damping = settings.coupling.damping.unwrap_or(coupling.linear_damping);
     coupling.angular_damping = settings.coupling.angular_damping.unwrap_or(coupling.angular_damping);
     coupling
+}
+
+/// Largest change of the coupling's force by an encoder step, N. The observer leaves about a sixth of it: with
+/// more, the hand feels the steps in free space.
+const MAX_STEP_ANSWER: f64 = 0.03;
+
+/// Lags (s) of the device's velocities for the dampers: those that passivity needs, and no less than those of
+/// the device's own, since velocities are differentiated again between encoder steps.
+///
+/// The force answers to a step Δ with (K + B/(τ + T)) Δ: the lag keeps that below [`MAX_STEP_ANSWER`], but
+/// lets the damper answer by as much as the spring. A critically damped body needs at most twice the inverse
+/// of its natural frequency for that.
+fn velocity_lags(
+    settings: &Settings,
+    coupling: &VirtualCoupling,
+    limits: &PortLimits,
+    specification: &Specification,
+) -> (f64, f64) {
+    let lags = limits.in_world(settings.device.workspace_scale).velocity_lags(coupling);
+    let Sampling { period, velocity_delay, .. } = limits.sampling;
+    let (step, turn) = (specification.encoder_step, specification.angular_encoder_step);
+    let (mut linear, mut angular) = lags;
+    if step > 0.0 && limits.translation.peak > 0.0 {
+        let stiffness = coupling.linear_stiffness;
+        let answer = (MAX_STEP_ANSWER / (step + limits.lever * turn) - stiffness).max(stiffness);
+        linear = linear.max(velocity_delay).max(coupling.linear_damping / answer - period);
+    }
+    if turn > 0.0 && limits.rotation.peak > 0.0 {
+        angular = angular.max(velocity_delay);
+    }
+    // Equal lags at a lever stay equal.
+    if limits.lever > 0.0 && lags.0 == lags.1 {
+        let longest = linear.max(angular);
+        (linear, angular) = (longest, longest);
+    }
+    (linear, angular)
 }
 
 /// Largest rate of change of the wrench at the device.
