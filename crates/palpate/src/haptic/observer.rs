@@ -24,14 +24,14 @@
 //!
 //! Friction does not resist small vibrations of a handle that slides. For them, within the cell, the tracker
 //! is a linear filter 1 − s³/(s + ω)³, which asks hand and device for a damping of up to 0.38 (K + B/(τ +
-//! T))/ω. A vibration that reaches beyond the cell raises ω. So a handle that slides evenly, with a heavy body
-//! on it and no hand that damps it, may vibrate by about a step.
+//! T))/ω. A vibration that reaches beyond the cell raises ω. So a handle that slides evenly, with a heavy
+//! body on it and no hand that damps it, may vibrate by about a step.
 
 use palpate_core::glam::DVec3;
 
 /// Smallest and largest ω of the tracker in even motion, rad/s. With less, it trails behind a hand's
 /// acceleration, and the clamp passes the rounding on; with more, it follows the rounding.
-const EVEN_RATES: (f64, f64) = (15.0, 80.0);
+const EVEN_RATES: (f64, f64) = (15.0, 60.0);
 
 /// ω in even motion for each step in a second, rad. With more, the tracker follows the staircase of slow
 /// readings.
@@ -105,8 +105,7 @@ impl StepObserver {
             self.reset();
             return moved - before;
         }
-        let predicted =
-            before - moved + (self.velocity + self.acceleration * (0.5 * interval)) * interval;
+        let predicted = before - moved + (self.velocity + self.acceleration * (0.5 * interval)) * interval;
         let rate = self.rate();
         let even = Gains::new(rate * interval);
         self.velocity += self.acceleration * interval;
@@ -141,8 +140,8 @@ impl StepObserver {
 
     /// Puts axes to rest that have come close to their readings.
     fn settle(&mut self, interval: f64) {
-        let reach = self.offset.abs()
-            + (self.velocity.abs() + self.acceleration.abs() * LONGEST_INTERVAL) * interval;
+        let reach =
+            self.offset.abs() + (self.velocity.abs() + self.acceleration.abs() * LONGEST_INTERVAL) * interval;
         let moves = reach.cmpgt(DVec3::splat(REST * self.step));
         let kept = |value: DVec3| DVec3::select(moves, value, DVec3::ZERO);
         self.offset = kept(self.offset);

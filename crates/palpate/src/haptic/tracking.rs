@@ -148,11 +148,8 @@ impl Tracking {
     fn pose(&self) -> Pose {
         let Pose { translation, rotation } = self.state.pose;
         let (linear, angular) = (self.observers.0.offset(), self.observers.1.offset());
-        let turned = if angular == DVec3::ZERO {
-            rotation
-        } else {
-            DQuat::from_scaled_axis(angular) * rotation
-        };
+        let turned =
+            if angular == DVec3::ZERO { rotation } else { DQuat::from_scaled_axis(angular) * rotation };
         Pose { translation: translation + linear, rotation: turned }
     }
 

@@ -184,16 +184,20 @@ fn coupling(settings: &Settings, body: &Body, grasp: Pose, limits: &PortLimits) 
     coupling
 }
 
-/// Largest change of the coupling's force by an encoder step, N. The observer leaves about a sixth of it: with
-/// more, the hand feels the steps in free space.
-const MAX_STEP_ANSWER: f64 = 0.03;
+/// Largest change of the coupling's force by an encoder step, N. Above 20 Hz the observer leaves up to a
+/// sixth of it in fast motion: with more, the hand feels the steps in free space.
+const MAX_STEP_ANSWER: f64 = 0.026;
+
+/// Share of the spring's answer to a step that the damper's may always have. With none, its lag would be
+/// infinite for a stiff spring.
+const DAMPER_ANSWER: f64 = 0.5;
 
 /// Lags (s) of the device's velocities for the dampers: those that passivity needs, and no less than those of
 /// the device's own, since velocities are differentiated again between encoder steps.
 ///
-/// The force answers to a step Δ with (K + B/(τ + T)) Δ: the lag keeps that below [`MAX_STEP_ANSWER`], but
-/// lets the damper answer by as much as the spring. A critically damped body needs at most twice the inverse
-/// of its natural frequency for that.
+/// The force answers to a step Δ with (K + B/(τ + T)) Δ: the lag keeps that below [`MAX_STEP_ANSWER`], or the
+/// damper's part below [`DAMPER_ANSWER`] of the spring's. A critically damped body of natural frequency ω
+/// gets a lag of at most 4/ω.
 fn velocity_lags(
     settings: &Settings,
     coupling: &VirtualCoupling,
@@ -206,7 +210,8 @@ fn velocity_lags(
     let (mut linear, mut angular) = lags;
     if step > 0.0 && limits.translation.peak > 0.0 {
         let stiffness = coupling.linear_stiffness;
-        let answer = (MAX_STEP_ANSWER / (step + limits.lever * turn) - stiffness).max(stiffness);
+        let at_grasp = step + limits.lever * turn;
+        let answer = (MAX_STEP_ANSWER / at_grasp - stiffness).max(DAMPER_ANSWER * stiffness);
         linear = linear.max(velocity_delay).max(coupling.linear_damping / answer - period);
     }
     if turn > 0.0 && limits.rotation.peak > 0.0 {
