@@ -91,6 +91,8 @@ pub(crate) struct Tracking {
     lagged: Twist,
     /// Position and orientation between the encoders' steps.
     observers: (StepObserver, StepObserver),
+    /// The pose that they estimate.
+    estimated: Pose,
     period: f64,
 }
 
@@ -108,6 +110,7 @@ impl Tracking {
             lags,
             lagged: Twist::ZERO,
             observers: (StepObserver::new(0.0), StepObserver::new(0.0)),
+            estimated: state.pose,
             period,
         }
     }
@@ -141,16 +144,7 @@ impl Tracking {
         if self.lags.1 > 0.0 {
             angular = self.lagged.angular;
         }
-        DeviceState { pose: self.pose(), twist: Twist { linear, angular }, ..self.state }
-    }
-
-    /// The pose estimated between encoder steps.
-    fn pose(&self) -> Pose {
-        let Pose { translation, rotation } = self.state.pose;
-        let (linear, angular) = (self.observers.0.offset(), self.observers.1.offset());
-        let turned =
-            if angular == DVec3::ZERO { rotation } else { DQuat::from_scaled_axis(angular) * rotation };
-        Pose { translation: translation + linear, rotation: turned }
+        DeviceState { pose: self.estimated, twist: Twist { linear, angular }, ..self.state }
     }
 
     /// Displacement of the handle in the last call of [`Self::take`].
@@ -202,11 +196,13 @@ impl Tracking {
             self.lagged = Twist::ZERO;
             self.observers.0.reset();
             self.observers.1.reset();
+            self.estimated = state.pose;
             return Reading::Back;
         }
         self.displacement = moved;
         let linear = self.observers.0.advance(moved.linear, interval);
         let angular = self.observers.1.advance(moved.angular, interval);
+        self.estimated = displaced(&state.pose, self.observers.0.offset(), self.observers.1.offset());
         self.lagged.linear = filtered(self.lagged.linear, linear, interval, self.lags.0);
         self.lagged.angular = filtered(self.lagged.angular, angular, interval, self.lags.1);
         Reading::Good
@@ -259,6 +255,13 @@ fn filtered(velocity: DVec3, moved: DVec3, interval: f64, lag: f64) -> DVec3 {
     let gain = if lag > 0.0 { interval / (lag + interval) } else { 0.0 };
     let velocity = velocity + (moved / interval - velocity) * gain;
     if velocity.abs().max_element() < MIN_SPEED { DVec3::ZERO } else { velocity }
+}
+
+/// A pose displaced by an offset (m) and turned by a rotation vector (rad).
+fn displaced(pose: &Pose, offset: DVec3, turn: DVec3) -> Pose {
+    let turned =
+        if turn == DVec3::ZERO { pose.rotation } else { DQuat::from_scaled_axis(turn) * pose.rotation };
+    Pose { translation: pose.translation + offset, rotation: turned }
 }
 
 /// The displacement from one pose to another: m, and rad as a rotation vector.
