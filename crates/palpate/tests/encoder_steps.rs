@@ -1,5 +1,6 @@
 //! The steps of a device's encoders do not reach the hand: force above 20 Hz in free space, at rest in
 //! contact, and after a step of the hand.
+#![expect(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
 
 use std::convert::Infallible;
 use std::f64::consts::{PI, SQRT_2, TAU};
@@ -52,7 +53,7 @@ impl<D: HapticDevice> HapticDevice for Unstated<D> {
 
 /// A box with these edges, m.
 fn block(edges: DVec3) -> Object {
-    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) - 0.5;
+    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
     let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
     let mesh = TriMesh::new((0..8).map(|i| corner(i) * edges).collect(), triangles).expect("a mesh");

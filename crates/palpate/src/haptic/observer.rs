@@ -98,7 +98,7 @@ impl StepObserver {
     /// the estimate.
     pub fn advance(&mut self, moved: DVec3, interval: f64) -> DVec3 {
         let Self { step, offset: before, .. } = *self;
-        if step == 0.0 || self.is_at_rest() && moved == DVec3::ZERO {
+        if step == 0.0 || (self.is_at_rest() && moved == DVec3::ZERO) {
             return moved;
         }
         if interval > LONGEST_INTERVAL {
