@@ -8,7 +8,7 @@
 
 use std::collections::HashMap;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use palpate_core::TriMesh;
 
 use crate::exact::{ExactDistance, Feature, closest};
@@ -66,7 +66,7 @@ pub enum Place {
     /// A vertex.
     Vertex(u32),
     /// A point of an edge, at a fraction of its length.
-    Edge(u32, f64),
+    Edge(u32, f32),
 }
 
 /// The point of a surface nearest to another point, among those near by.
@@ -86,9 +86,9 @@ pub struct ClosestPoint {
 #[derive(Clone, Copy, Debug)]
 pub struct Leash {
     /// Centre, in the mesh's frame, m.
-    pub home: DVec3,
+    pub home: Vec3,
     /// Largest distance from there, m.
-    pub length: f64,
+    pub length: f32,
 }
 
 impl Lists {
@@ -170,7 +170,16 @@ impl FeatureMesh {
         }
         normals.iter_mut().for_each(|normal| *normal = normal.normalize_or(DVec3::Z));
         let exact = ExactDistance::new(mesh);
-        Self { vertices: mesh.vertices().to_vec(), normals, faces, edges, sides, faces_around, edges_around, exact }
+        Self {
+            vertices: mesh.vertices().to_vec(),
+            normals,
+            faces,
+            edges,
+            sides,
+            faces_around,
+            edges_around,
+            exact,
+        }
     }
 
     /// Bytes of memory held.
@@ -262,7 +271,7 @@ impl FeatureMesh {
             Place::Vertex(vertex) => self.vertices[vertex as usize],
             Place::Edge(edge, at) => {
                 let [from, to] = self.ends(edge);
-                from + (to - from) * at
+                from + (to - from) * f64::from(at)
             }
         }
     }
@@ -281,6 +290,7 @@ impl FeatureMesh {
     /// The place at a fraction of an edge: a vertex at its ends.
     fn on_edge(&self, edge: u32, at: f64) -> Place {
         let [from, to] = self.edges[edge as usize];
+        let at = at as f32;
         if at <= 0.0 {
             Place::Vertex(from)
         } else if at >= 1.0 {
@@ -296,6 +306,7 @@ impl FeatureMesh {
     pub fn descend(&self, place: &Place, normal: DVec3, stride: f64, leash: &Leash) -> Option<Place> {
         match *place {
             Place::Edge(edge, at) => {
+                let at = f64::from(at);
                 let [from, to] = self.ends(edge);
                 let slope = normal.dot((to - from).normalize_or_zero());
                 let end = self.leashed(edge, if slope > 0.0 { 0.0 } else { 1.0 }, leash);
@@ -350,15 +361,17 @@ impl FeatureMesh {
                 }
             }
         }
-        best.1.filter(|place| self.position(place).distance_squared(leash.home) <= leash.length.powi(2))
+        best.1.filter(|place| {
+            self.position(place).distance_squared(leash.home.as_dvec3()) <= f64::from(leash.length).powi(2)
+        })
     }
 
     /// A fraction of an edge, moved to where the edge is within a leash.
     fn leashed(&self, edge: u32, at: f64, leash: &Leash) -> f64 {
         let [from, to] = self.ends(edge);
-        let (along, off) = (to - from, from - leash.home);
+        let (along, off) = (to - from, from - leash.home.as_dvec3());
         let (square, half) = (along.length_squared(), along.dot(off));
-        let root = half * half - square * (off.length_squared() - leash.length * leash.length);
+        let root = half * half - square * (off.length_squared() - f64::from(leash.length).powi(2));
         let middle = -half / square;
         let reach = root.max(0.0).sqrt() / square;
         at.clamp((middle - reach).clamp(0.0, 1.0), (middle + reach).clamp(0.0, 1.0))

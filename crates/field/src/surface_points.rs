@@ -1,70 +1,57 @@
 //! Points of the two bodies' surfaces near each other: the places that a body must not pass, whose distances
 //! are cheap to read again at another pose.
 
-use std::cmp::Ordering;
-use std::collections::HashMap;
-
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec3A};
 use palpate_core::Pose;
 use wide::f32x4;
 
 use crate::body::FieldBody;
 use crate::query::FieldQuery;
-use crate::samples::Sample;
 use crate::selection::SelectedFour;
 
-/// A point of one body's surface near the other body.
+/// A sample of one body's surface near the other body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
     /// Its position in the frame of its own body's mesh, m.
     pub point: Vec3,
     /// Whether it is on the probe's surface, or on the scene object's.
     pub is_probe: bool,
-    /// Its signed distance from the other body at the query's pose, m.
+    /// Its signed distance from the other body at the query's pose, approximately, m.
     pub distance: f64,
+    /// The place on the probe's surface, in the probe's axes from its centre, m.
+    pub on_probe: Vec3A,
+    /// Unit normal out of the probe, in its axes.
+    pub normal: Vec3A,
 }
 
 impl FieldQuery {
-    /// Appends points of the samples of the last query, with these bodies at these poses: the nearest of each
-    /// cell, a cube of an edge (m) and a direction.
-    pub fn append_surface_points(
+    /// Passes on the samples of the last query that are within its tolerance, with these bodies at these poses.
+    pub fn surface_points(
         &self,
         (probe, probe_pose): (&FieldBody, &Pose),
         (scene, scene_pose): (&FieldBody, &Pose),
-        edge: f64,
-        into: &mut Vec<SurfacePoint>,
+        mut to: impl FnMut(&SurfacePoint),
     ) {
         let tolerance = self.tolerance();
         let sides = self.sides_at(probe, scene, &(scene_pose.inverse() * *probe_pose));
-        let mut cells: HashMap<[i16; 5], (f32, Sample)> = HashMap::new();
-        let per_edge = (1.0 / edge) as f32;
-        for (side, selection) in sides.iter().zip(self.selections()) {
+        for ((side, body), selection) in sides.iter().zip([probe, scene]).zip(self.selections()) {
             for SelectedFour { points, samples, .. } in selection.fours() {
                 let read = side.read(&points);
+                if read.in_contact == 0 {
+                    continue;
+                }
                 side.contacts(&points, &read, |lane, touch| {
                     let Some(&sample) = samples.get(lane) else { return };
-                    let [x, y, z] = (touch.point * per_edge).floor().to_array().map(|at| at as i16);
-                    let size = touch.normal.abs();
-                    let axis = size.max_position();
-                    let direction = 2 * axis as i16 + i16::from(touch.normal[axis] < 0.0);
-                    let key = [x, y, z, direction, i16::from(touch.is_probe)];
-                    let deepest = cells.entry(key).or_insert((f32::NEG_INFINITY, sample));
-                    if touch.reach > deepest.0 {
-                        *deepest = (touch.reach, sample);
-                    }
+                    to(&SurfacePoint {
+                        point: body.samples.point(sample),
+                        is_probe: touch.is_probe,
+                        distance: (1.0 - f64::from(touch.reach)) * tolerance,
+                        on_probe: touch.point,
+                        normal: touch.normal,
+                    });
                 });
             }
         }
-        let first = into.len();
-        into.extend(cells.into_iter().map(|(key, (reach, sample))| {
-            let is_probe = key[4] == 1;
-            let body = if is_probe { probe } else { scene };
-            let distance = (1.0 - f64::from(reach)) * tolerance;
-            SurfacePoint { point: body.samples.point(sample), is_probe, distance }
-        }));
-        // The order of a hash map is not reproducible.
-        let key = |point: &SurfacePoint| (point.distance, point.point.to_array());
-        into[first..].sort_unstable_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(Ordering::Equal));
     }
 }
 

@@ -15,6 +15,7 @@ use super::in_scene::InScene;
 use super::merging::Plane;
 use super::monitor::{ContactForce, MonitorFeed};
 use super::proxy::{carried, motion_between};
+use crate::settings::Response;
 
 impl ContactLoop {
     /// Sorts the proxy's contacts, carried to the body's pose, into those within d and those that the body
@@ -29,6 +30,7 @@ impl ContactLoop {
             }
         }
         let textured = |object| self.textures.as_ref().is_some_and(|textures| textures.has(object));
+        let guarded = self.response == Response::Constraints;
         for found in self.proxy.contacts().filter(|found| !textured(found.object)) {
             let contact = carried(&found.contact.contact, self.proxy.pose(), &body.pose);
             let patch = PatchContact { contact, ..found.contact };
@@ -36,6 +38,9 @@ impl ContactLoop {
                 Some(moving) => moving,
                 None => (Counterpart::Still, &mut self.still),
             };
+            if guarded && !with.is_pushed() {
+                continue;
+            }
             if contact.depth > -tolerance {
                 group.touching.push(patch);
             } else if self.braking && comes_within(&contact, body, &with.body(), tolerance, ahead) {
@@ -62,6 +67,9 @@ impl ContactLoop {
             let gains = shared(&self.parameters, weight);
             let patch = ContactPatch { contact, radius };
             let with = counterpart(&self.objects, &self.scene, place);
+            if self.response == Response::Constraints && !with.is_pushed() {
+                continue;
+            }
             let count = place.map_or(1, |_| count_of(place));
             let gains = with.gains(&gains, (contact.point, contact.normal), count, interval);
             model.push(ContactClass::Touching, patch, &gains, &with.body());
@@ -184,7 +192,7 @@ fn relative_twist(twist: &Twist, center: DVec3, object: &MovingBody) -> Twist {
 }
 
 /// The scene's side of contacts with the object at a place; still objects' without one.
-fn counterpart<'a>(
+pub(super) fn counterpart<'a>(
     objects: &'a [Option<InScene>],
     scene: &SceneQuery,
     place: Option<usize>,

@@ -19,17 +19,14 @@ use palpate_collide::{ObjectHandle, PatchContact, SceneQuery};
 use palpate_core::clod::NO_NODE;
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose};
-use palpate_field::{
-    AreaContact, AreaLaw, FeatureMesh, FieldOptions, FieldQuery, FieldSettings, Leash, SurfacePoint,
-};
+use palpate_field::{AreaContact, AreaLaw, FieldOptions, FieldQuery, FieldSettings};
 
-use super::geometry::{ContactGeometry, GuardedPoint, NearObject};
 use super::group::ContactGroup;
 use super::in_scene::InScene;
 use crate::contact::merging::{Plane, WeightedContact};
 use crate::contact::proxy::{ContactFinder, ProxyContact, QueryReport, carried};
 use crate::contact::representative::{DEFAULT_ERROR, check_error, lattice, law};
-use crate::scene::field::{Field, FieldError, GUARD_EDGE, field_options, find, new_fine_query, new_query};
+use crate::scene::field::{Field, FieldError, field_options, find, new_query};
 use crate::scene::object::Object;
 use crate::settings::Settings;
 
@@ -101,7 +98,7 @@ impl FieldNeeds {
 
     /// Settings of queries within a reach (m). The error grows with the reach, so that the cost stays the
     /// same.
-    fn settings(&self, reach: f64) -> FieldSettings {
+    pub fn settings(&self, reach: f64) -> FieldSettings {
         let error = self.error * reach / self.options.tolerance;
         FieldSettings { error, budget: self.budget, ..FieldSettings::new(reach) }
     }
@@ -129,10 +126,6 @@ pub(super) struct ByFields {
     /// Weighted contacts of one group.
     weighted: Vec<WeightedContact>,
     planes: Vec<(Option<usize>, Plane)>,
-    /// Points of one scene object's query.
-    points: Vec<SurfacePoint>,
-    /// Points with all objects near, each with the object's index.
-    guarded: Vec<(SurfacePoint, u8)>,
 }
 
 /// A scene object's field and its queries, one for each [`Purpose`]. A query goes on from its last one if the
@@ -141,7 +134,6 @@ pub(super) struct ByFields {
 struct Side {
     field: Arc<Field>,
     queries: [Option<FieldQuery>; 2],
-    guard: Option<FieldQuery>,
 }
 
 /// Use of the contacts of a query.
@@ -175,8 +167,6 @@ impl ByFields {
             weights: Vec::with_capacity(RESERVED),
             weighted: Vec::with_capacity(RESERVED),
             planes: Vec::with_capacity(64),
-            points: Vec::with_capacity(RESERVED),
-            guarded: Vec::with_capacity(RESERVED),
         })
     }
 
@@ -187,7 +177,7 @@ impl ByFields {
             self.sides.resize_with(place + 1, || None);
         }
         let queries = [(); 2].map(|()| reserved.then(|| new_query(&self.probe, &field)));
-        self.sides[place] = Some(Side { field, queries, guard: None });
+        self.sides[place] = Some(Side { field, queries });
         self.at = None;
         Ok(())
     }
@@ -247,7 +237,7 @@ impl ByFields {
         let settings = self.needs.settings(reach);
         let near = |handle: ObjectHandle| Some((handle.place(), *scene.pose(handle)?));
         for (place, pose) in scene.near().filter_map(near) {
-            let Some(Some(Side { field, queries, .. })) = self.sides.get_mut(place) else { continue };
+            let Some(Some(Side { field, queries })) = self.sides.get_mut(place) else { continue };
             let query = queries[purpose as usize].get_or_insert_with(|| new_query(&self.probe, field));
             find(query, (&self.probe, mesh), (field, &pose), &settings, &mut self.found);
             self.places.resize(self.found.len(), place);
@@ -259,74 +249,9 @@ impl ByFields {
         invalid == 0
     }
 
-    /// Finds what the haptic loop needs to hold the body out of surfaces, with the mesh's frame at a pose:
-    /// the points within a reach (m), and how far the body may move before it could touch another one, of
-    /// interest up to `enough` (m).
-    pub fn guard(
-        &mut self,
-        mesh: &Pose,
-        (reach, enough): (f64, f64),
-        (scene, surface_of): (&mut SceneQuery, impl Fn(usize) -> Option<Arc<FeatureMesh>>),
-        geometry: &mut ContactGeometry,
-        report: &mut QueryReport,
-    ) {
-        geometry.points.clear();
-        geometry.objects.clear();
-        geometry.bound.room = 0.0;
-        self.guarded.clear();
-        let Ok(invalid) = scene.find_near(mesh, reach.max(enough)) else {
-            report.refused = true;
-            return;
-        };
-        report.refused |= invalid > 0;
-        let mut room = reach.max(enough);
-        let settings = self.needs.settings(reach);
-        let near = |handle: ObjectHandle| Some((handle.place(), *scene.pose(handle)?));
-        for (place, pose) in scene.near().filter_map(near) {
-            let Some(Some(Side { field, guard, .. })) = self.sides.get_mut(place) else { continue };
-            let to_object = pose.inverse() * *mesh;
-            let clearance = self.probe.body().clearance(field.body(), &to_object, reach.max(enough));
-            if clearance > reach || geometry.objects.is_full() {
-                room = room.min(clearance);
-                continue;
-            }
-            room = room.min(reach);
-            let query = guard.get_or_insert_with(|| new_fine_query(&self.probe, field));
-            query.run(self.probe.body(), field.body(), mesh, &pose, &settings);
-            self.points.clear();
-            let (probe, object) = ((self.probe.body(), mesh), (field.body(), &pose));
-            let edge = GUARD_EDGE * self.probe.body().radius();
-            query.append_surface_points(probe, object, edge, &mut self.points);
-            let Some(surface) = surface_of(place) else { continue };
-            let index = geometry.objects.len() as u8;
-            geometry.objects.push(NearObject { surface, pose });
-            self.guarded.extend(self.points.iter().map(|point| (*point, index)));
-        }
-        let most = geometry.points.capacity();
-        if self.guarded.len() > most {
-            self.guarded.select_nth_unstable_by(most, |a, b| a.0.distance.total_cmp(&b.0.distance));
-            room = room.min(self.guarded[most].0.distance.max(0.0));
-            self.guarded.truncate(most);
-        }
-        self.guarded.sort_unstable_by_key(|(point, object)| (*object, !point.is_probe));
-        let leash = GUARD_EDGE * self.probe.body().radius();
-        for &(SurfacePoint { point, is_probe, .. }, object) in &self.guarded {
-            let NearObject { surface, pose } = &geometry.objects[usize::from(object)];
-            let (own, other) = if is_probe {
-                ((&*geometry.probe, mesh), (&**surface, pose))
-            } else {
-                ((&**surface, pose), (&*geometry.probe, mesh))
-            };
-            let home = point.as_dvec3();
-            let place = own.0.place_near(home);
-            let to_other = other.1.inverse() * *own.1;
-            let face = other.0.nearest(to_other.transform_point(own.0.position(&place))).face;
-            let leash = Leash { home, length: leash };
-            let guarded = GuardedPoint { place, leash, face, object, is_probe, stride: 1.0, slack: 0.0 };
-            geometry.points.push(guarded);
-        }
-        if std::env::var_os("DBG").is_some() { eprintln!("guard {} of {} room {:.3e} reach {:.3e} probe {}", geometry.points.len(), self.points.len(), room, reach, geometry.points.iter().filter(|p| p.is_probe).count()); }
-        geometry.bound.room = room;
+    /// The fields of the body in the hand and of the object at a place.
+    pub fn fields(&self, place: usize) -> Option<(&Field, &Field)> {
+        Some((&self.probe, &self.sides.get(place)?.as_ref()?.field))
     }
 
     /// The deepest places of cells. They have no area, since other contacts represent theirs.

@@ -1,19 +1,39 @@
-//! Contact geometry for the haptic loop: points of the two surfaces near each other, whose distances it reads
-//! again in the bodies' fields at each step, at the body's present pose.
+//! Contact geometry for the haptic loop: points of the surfaces near each other, and the surfaces themselves.
+//!
+//! At each step the haptic loop measures the points that the step may bring into contact, exactly and at the
+//! bodies' present poses. Each [guarded point](GuardedPoint) first descends over the features of its own
+//! surface to where that is nearest to the other one.
 
 use std::sync::Arc;
 
 use arrayvec::ArrayVec;
 use palpate_core::Pose;
-use palpate_core::glam::DVec3;
-use palpate_dynamics::{BodyState, MAX_UNILATERAL, MotionBound, UnilateralContact};
-use palpate_field::{ClosestPoint, FeatureMesh, Leash, Place};
+use palpate_core::glam::{DQuat, DVec3};
+use palpate_dynamics::{BodyState, Friction, MAX_UNILATERAL, MotionBound, MovingBody, UnilateralContact};
+use palpate_field::FeatureMesh;
 
-/// Largest number of surface points.
-pub(crate) const MAX_POINTS: usize = 512;
+use super::guarded_point::GuardedPoint;
+
+/// Largest number of guarded points.
+pub(crate) const MAX_POINTS: usize = 384;
 
 /// Largest number of scene objects near the body.
 pub(crate) const MAX_OBJECTS: usize = 8;
+
+/// Longest time that scene objects move on from where a query found them, s.
+const MAX_OBJECT_MOTION: f64 = 0.05;
+
+/// Largest distance (m) and smallest cosine of the angle between normals of contacts that are one. With less,
+/// points that have descended to the same place use up the contacts of a step.
+const SAME_PLACE: f64 = 2e-5;
+const SAME_NORMAL: f64 = 0.999;
+
+/// The same for contacts of two steps that are one, where the points have changed.
+const NEAR_PLACE: f64 = 2e-4;
+const NEAR_NORMAL: f64 = 0.95;
+
+/// Largest share of the friction cone, in the last step, with which a contact still sticks.
+const MAX_STICKING: f64 = 0.999;
 
 /// A scene object near the body.
 #[derive(Clone, Debug)]
@@ -21,25 +41,9 @@ pub(crate) struct NearObject {
     pub surface: Arc<FeatureMesh>,
     /// Pose of its mesh's frame.
     pub pose: Pose,
-}
-
-/// A point of one surface that must not pass the other.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct GuardedPoint {
-    /// Place on its own body's surface.
-    pub place: Place,
-    /// Part of that surface that it stays in.
-    pub leash: Leash,
-    /// Face of the other body's surface that is nearest.
-    pub face: u32,
-    /// Index of the scene object.
-    pub object: u8,
-    /// Whether it is on the body in the hand, or on the scene object.
-    pub is_probe: bool,
-    /// Fraction of the way along an edge that it tries next.
-    pub stride: f64,
-    /// Distance that any point of the body may move before this one has to be measured again, m.
-    pub slack: f64,
+    pub motion: MovingBody,
+    /// Bound on the speed of any of its points, m/s.
+    pub speed: f64,
 }
 
 /// What the haptic loop needs to hold the body out of surfaces until the next query.
@@ -51,12 +55,13 @@ pub(crate) struct ContactGeometry {
     pub center_of_mass: DVec3,
     pub objects: ArrayVec<NearObject, MAX_OBJECTS>,
     pub points: ArrayVec<GuardedPoint, MAX_POINTS>,
-    /// Where the points are all that can be touched.
+    /// The region in which the points are all that can be touched.
     pub bound: MotionBound,
-    /// Coefficient of friction.
-    pub friction: f64,
+    pub friction: Friction,
     /// Distance at which surfaces are held apart, m.
     pub margin: f64,
+    /// Time since the query, s.
+    pub age: f64,
 }
 
 /// The contacts of one step.
@@ -64,114 +69,107 @@ pub(crate) struct ContactGeometry {
 pub(crate) struct StepContacts {
     pub contacts: ArrayVec<UnilateralContact, MAX_UNILATERAL>,
     /// Their indices among the points.
-    pub points: ArrayVec<u16, MAX_UNILATERAL>,
-    /// Largest motion of any point of the body in the step, m.
+    points: ArrayVec<u16, MAX_UNILATERAL>,
+    /// Largest motion of any point of the body in the step that meets no other point, m.
     pub room: f64,
+    /// Largest depth, m; 0 if nothing overlaps.
+    pub depth: f64,
 }
 
-/// Largest distance (m) and smallest cosine of the angle between normals of contacts that are one. With less,
-/// points that have descended to the same place use up the contacts of a step.
-const SAME_PLACE: f64 = 2e-5;
-const SAME_NORMAL: f64 = 0.999;
-
-/// Largest number of moves of a point in a step.
-const MAX_MOVES: u32 = 3;
-
-/// Smallest fraction of the way along an edge that a point tries. With less, it follows fast motion late.
-const MIN_STRIDE: f64 = 1.0 / 64.0;
-
-/// Smallest gain in distance for which a point moves, m.
-const MIN_DESCENT: f64 = 1e-8;
+/// Motion of the body from one step to the next.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct StepMotion {
+    /// Length of the step, s.
+    pub dt: f64,
+    /// Bound on the motion of any point of the body in the last step, m.
+    pub moved: f64,
+    /// Distance within which contacts are wanted, m.
+    pub reach: f64,
+}
 
 impl ContactGeometry {
-    /// Finds the contacts at a state of the body that a step may reach: those nearer than `reach` (m). No
-    /// point of the body has moved by more than `moved` (m) since the last step. The impulses of that step's
+    /// Finds the contacts that a step from a state of the body may reach. The impulses of the last step's
     /// contacts, `before`, are taken over.
     pub fn contacts(
         &mut self,
         state: &BodyState,
-        (moved, reach): (f64, f64),
+        motion: &StepMotion,
         before: &StepContacts,
         found: &mut StepContacts,
     ) {
-        found.contacts.clear();
-        found.points.clear();
-        found.room = f64::INFINITY;
+        found.clear();
+        let StepMotion { dt, moved, reach } = *motion;
         let mesh = state.pose * Pose::from_translation(-self.center_of_mass);
-        let Self { probe, objects, points, .. } = self;
+        let Self { probe, objects, points, margin, friction, .. } = self;
         for (index, guarded) in points.iter_mut().enumerate() {
-            guarded.slack -= moved;
-            if guarded.slack > reach {
-                found.room = found.room.min(guarded.slack);
+            let Some(object) = objects.get(usize::from(guarded.object)) else { continue };
+            guarded.slack -= (moved + object.speed * dt) as f32;
+            if f64::from(guarded.slack) > reach {
+                found.room = found.room.min(f64::from(guarded.slack));
                 continue;
             }
-            let Some(object) = objects.get(usize::from(guarded.object)) else { continue };
-            let (own, other) = if guarded.is_probe {
-                ((&**probe, &mesh), (&*object.surface, &object.pose))
-            } else {
-                ((&*object.surface, &object.pose), (&**probe, &mesh))
-            };
-            let (place, closest) = guarded.measure(own, other);
-            let gap = closest.distance - self.margin;
-            guarded.slack = gap;
+            let measured = guarded.measure((probe, &mesh), (&object.surface, &object.pose));
+            let gap = measured.distance - *margin;
+            guarded.slack = gap as f32;
             if gap > reach {
                 found.room = found.room.min(gap);
                 continue;
             }
-            let outward = other.1.transform_vector(closest.normal);
-            let (normal, at) = if guarded.is_probe {
-                (-outward, place)
-            } else {
-                (outward, other.1.transform_point(closest.point))
-            };
+            found.depth = found.depth.max(-measured.distance);
             let contact = UnilateralContact {
-                arm: at - state.pose.translation,
-                normal,
+                arm: measured.point - state.pose.translation,
+                normal: measured.normal,
                 gap,
-                velocity: DVec3::ZERO,
-                friction: self.friction,
+                velocity: object.motion.twist.velocity_at(measured.point),
+                friction: friction.static_coefficient,
                 impulse: DVec3::ZERO,
             };
             found.push(contact, index as u16);
         }
-        for (contact, point) in found.contacts.iter_mut().zip(&found.points) {
-            if let Some(known) = before.points.iter().position(|known| known == point) {
-                contact.impulse = before.contacts[known].impulse;
-            }
+        found.take_over(before, friction);
+    }
+
+    /// Takes into account that the bodies have moved since the query: the one in the hand by `moved` (m), and
+    /// the scene's for `age` (s).
+    pub fn shift(&mut self, moved: f32, age: f64) {
+        let Self { points, objects, .. } = self;
+        for point in points {
+            let speed = objects.get(usize::from(point.object)).map_or(0.0, |object| object.speed);
+            point.slack -= moved + (speed * age.max(0.0)) as f32;
         }
     }
-}
 
-impl GuardedPoint {
-    /// Moves the point to the place of its surface that is nearest to the other one. Returns its position in
-    /// the world, m, and the point of the other surface nearest to it, in that body's frame.
-    fn measure(
-        &mut self,
-        (own, own_pose): (&FeatureMesh, &Pose),
-        (other, other_pose): (&FeatureMesh, &Pose),
-    ) -> (DVec3, ClosestPoint) {
-        let to_other = other_pose.inverse() * *own_pose;
-        let to_own = to_other.inverse();
-        let mut position = own.position(&self.place);
-        let mut closest = other.walk(to_other.transform_point(position), self.face);
-        for _ in 0..MAX_MOVES {
-            let normal = to_own.transform_vector(closest.normal);
-            let Some(place) = own.descend(&self.place, normal, self.stride, &self.leash) else { break };
-            let next = own.position(&place);
-            let found = other.walk(to_other.transform_point(next), closest.face);
-            if found.distance > closest.distance - MIN_DESCENT {
-                self.stride = (0.25 * self.stride).max(MIN_STRIDE);
-                continue;
-            }
-            self.stride = (4.0 * self.stride).min(1.0);
-            (self.place, position, closest) = (place, next, found);
+    /// Moves the scene objects on by a time (s).
+    pub fn advance(&mut self, dt: f64) {
+        let dt = dt.min(MAX_OBJECT_MOTION - self.age).max(0.0);
+        self.age += dt;
+        for object in self.objects.iter_mut().filter(|object| object.speed > 0.0) {
+            let Pose { translation, rotation } = object.pose;
+            let twist = object.motion.twist;
+            let turn = DQuat::from_scaled_axis(twist.angular * dt);
+            object.pose = Pose {
+                translation: turn * translation + twist.linear * dt,
+                rotation: (turn * rotation).normalize(),
+            };
+            self.bound.room -= object.speed * dt;
         }
-        self.face = closest.face;
-        (own_pose.transform_point(position), closest)
     }
 }
 
 impl StepContacts {
+    pub fn clear(&mut self) {
+        self.contacts.clear();
+        self.points.clear();
+        self.room = f64::INFINITY;
+        self.depth = 0.0;
+    }
+
+    /// Forgets which points the contacts are of; they are found again by their places.
+    pub fn forget(&mut self) {
+        self.points.clear();
+    }
+
+    /// Adds a contact, unless it is one that is known. If there is no room, the furthest is left out.
     fn push(&mut self, contact: UnilateralContact, point: u16) {
         let same = |known: &&mut UnilateralContact| {
             known.arm.distance_squared(contact.arm) < SAME_PLACE * SAME_PLACE
@@ -181,18 +179,41 @@ impl StepContacts {
             known.gap = known.gap.min(contact.gap);
             return;
         }
-        if self.contacts.is_full() {
-            let furthest = self.contacts.iter().enumerate().max_by(|a, b| a.1.gap.total_cmp(&b.1.gap));
-            let Some((furthest, gap)) = furthest.map(|(index, known)| (index, known.gap)) else { return };
-            self.room = self.room.min(gap.max(contact.gap));
-            if gap <= contact.gap {
-                return;
-            }
-            self.contacts[furthest] = contact;
-            self.points[furthest] = point;
+        if !self.contacts.is_full() {
+            self.contacts.push(contact);
+            self.points.push(point);
             return;
         }
-        self.contacts.push(contact);
-        self.points.push(point);
+        let furthest = self.contacts.iter().enumerate().max_by(|a, b| a.1.gap.total_cmp(&b.1.gap));
+        let Some((furthest, gap)) = furthest.map(|(index, known)| (index, known.gap)) else { return };
+        self.room = self.room.min(gap.max(contact.gap));
+        if contact.gap < gap {
+            self.contacts[furthest] = contact;
+            self.points[furthest] = point;
+        }
+    }
+
+    /// Takes over the impulses of the last step, and the lower coefficient of friction where a contact slid.
+    fn take_over(&mut self, before: &Self, friction: &Friction) {
+        for (contact, point) in self.contacts.iter_mut().zip(&self.points) {
+            let place = before.points.iter().position(|known| known == point);
+            let near = |known: &UnilateralContact| {
+                known.impulse != DVec3::ZERO
+                    && known.arm.distance_squared(contact.arm) < NEAR_PLACE * NEAR_PLACE
+                    && known.normal.dot(contact.normal) > NEAR_NORMAL
+            };
+            let Some(known) =
+                (if before.points.is_empty() { before.contacts.iter().position(near) } else { place })
+            else {
+                continue;
+            };
+            let UnilateralContact { impulse, normal, friction: coefficient, .. } = before.contacts[known];
+            contact.impulse = impulse;
+            let along = impulse.dot(normal);
+            let slid = (impulse - normal * along).length() >= MAX_STICKING * coefficient * along;
+            if along > 0.0 && slid {
+                contact.friction = friction.dynamic_coefficient;
+            }
+        }
     }
 }

@@ -39,6 +39,11 @@ impl Counterpart<'_> {
         }
     }
 
+    /// Whether contacts move the object.
+    pub fn is_pushed(&self) -> bool {
+        matches!(self, Self::Moving { object, .. } if object.is_pushed())
+    }
+
     /// Gains of one of `count` contacts with the object, at a point (m) with a normal, limited to what is
     /// stable with an object of its mass when contacts are found every `interval` (s).
     pub fn gains(

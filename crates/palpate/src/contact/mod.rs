@@ -6,6 +6,8 @@ mod by_fields;
 mod changes;
 pub(crate) mod geometry;
 mod group;
+mod guard;
+mod guarded_point;
 mod in_scene;
 mod lookahead;
 pub(crate) mod merging;
@@ -23,20 +25,21 @@ use std::time::Duration;
 use palpate_collide::{Budget, PatchContact, QuerySettings, SceneQuery};
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
-use palpate_dynamics::{Body, BodyState, ContactParameters, LinearContactModel, MotionBound};
+use palpate_dynamics::{Body, BodyState, ContactParameters, LinearContactModel};
 use palpate_texture_pd::Backend;
 use rtrb::Consumer;
 
 use self::by_fields::{ByFields, FieldFinder, in_steps};
 use self::geometry::ContactGeometry;
 use self::group::ContactGroup;
+use self::guard::Guard;
 use self::in_scene::{InScene, objects_of};
 use self::lookahead::Lookahead;
 pub(crate) use self::search::ByLevels;
 use self::search::{RESERVED, choose};
 use self::touching::Patches;
 use crate::contact::monitor::{ContactMonitor, MonitorFeed};
-use crate::contact::proxy::{LevelFinder, Proxy, QueryReport};
+use crate::contact::proxy::{LevelFinder, Proxy};
 use crate::contact::representative::FieldError;
 use crate::contact::textures::{TextureError, Textures};
 use crate::scene::Placed;
@@ -46,9 +49,6 @@ use crate::scene::object::Object;
 use crate::settings::live::{ContactTuning, Ramp};
 use crate::settings::{DetailSettings, Response, SearchSettings, Settings};
 use crate::telemetry::ContactTelemetry;
-
-/// Distance at which surfaces are held apart, m. Without it rounding lets them overlap.
-const MARGIN: f64 = 5e-6;
 
 /// Error of making a contact loop.
 #[derive(Debug, thiserror::Error)]
@@ -122,6 +122,9 @@ pub struct ContactLoop {
     still: ContactGroup,
     /// Contact search in fields, or the reason for the search by levels.
     by_fields: Result<Box<ByFields>, ByLevels>,
+    response: Response,
+    /// Workspace of contacts that are constraints.
+    guard: Guard,
     /// Texture stage, if an object is textured.
     textures: Option<Textures>,
     braking: bool,
@@ -175,6 +178,8 @@ impl ContactLoop {
             parameters,
             still: ContactGroup::with_still(clusters, probe.bounding_radius()),
             by_fields,
+            response: settings.contact.response,
+            guard: Guard::new(),
             textures,
             braking,
             mass: body.mass,
@@ -199,8 +204,10 @@ impl ContactLoop {
         let interval = time - std::mem::replace(&mut self.time, time);
         self.tune(interval);
         self.move_objects(body, time);
-        if let Some(update) = self.guard(body, time, interval) {
-            return update;
+        let geometry = if self.response == Response::Constraints { self.guard(body, interval) } else { None };
+        if geometry.is_some() && self.guards_all() {
+            let model = LinearContactModel::empty(&body.pose, time);
+            return ContactUpdate { model, time, depth: 0.0, contacts: 0, geometry };
         }
         let ahead = self.lookahead.horizon(interval);
         let tolerance = self.parameters.tolerance;
@@ -232,41 +239,7 @@ impl ContactLoop {
             monitored.publish();
         }
         let contacts = self.groups().map(|group| group.touching.len()).sum::<usize>() + coarse;
-        ContactUpdate { model, time, depth, contacts: contacts as u32, geometry: None }
-    }
-
-    /// Finds the contact geometry for the haptic loop, if contacts are constraints.
-    fn guard(&mut self, body: &BodyState, time: f64, interval: f64) -> Option<ContactUpdate> {
-        if self.all_settings.contact.response != Response::Constraints
-            || !self.is_by_fields()
-            || !self.moving.is_empty()
-        {
-            return None;
-        }
-        let tolerance = self.parameters.tolerance;
-        let ahead = self.lookahead.horizon(interval);
-        let motion = self.lookahead.motion_bound(&body.twist, self.fastest, ahead);
-        let Ok(fields) = &mut self.by_fields else { return None };
-        let reach = in_steps(tolerance + motion, tolerance).max(2.0 * tolerance).min(fields.max_reach());
-        let mesh = body.pose * Pose::from_translation(-self.center_of_mass);
-        let mut geometry = ContactGeometry {
-            probe: self.probe.features()?,
-            center_of_mass: self.center_of_mass,
-            objects: Default::default(),
-            points: Default::default(),
-            bound: MotionBound { from: body.pose, room: 0.0, step: f64::INFINITY, radius: self.radius },
-            friction: self.parameters.friction.dynamic_coefficient,
-            margin: MARGIN,
-        };
-        let mut report = QueryReport::default();
-        let objects = &self.objects;
-        let surface_of = |place: usize| objects.get(place)?.as_ref()?.object.features();
-        let scene = (&mut self.scene, surface_of);
-        fields.guard(&mesh, (reach, reach + 2.0 * motion), scene, &mut geometry, &mut report);
-        self.telemetry.events.contact_refused += u64::from(report.refused);
-        let model = LinearContactModel::empty(&body.pose, time);
-        let contacts = geometry.points.len() as u32;
-        Some(ContactUpdate { model, time, depth: 0.0, contacts, geometry: Some(geometry) })
+        ContactUpdate { model, time, depth, contacts: contacts as u32, geometry }
     }
 
     /// Moves the proxy towards a pose of the body, with contacts found within a reach (m), and counts the

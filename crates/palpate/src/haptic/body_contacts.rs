@@ -4,13 +4,17 @@
 use palpate_core::Pose;
 use palpate_dynamics::{BodyState, ContactBlend, MotionBound};
 
-use crate::contact::geometry::{ContactGeometry, StepContacts};
-
+use crate::contact::geometry::{ContactGeometry, StepContacts, StepMotion};
 use crate::telemetry::record::ModelData;
 
 /// Distance that a body may move from where its contact model was found: in bounding radii, and at least, in
 /// m at the device. With more, the body feels planes of surfaces that are elsewhere.
 const MAX_STRAY: (f64, f64) = (0.5, 0.01);
+
+/// Distance within which a step's contacts are found: at least, m, and in lengths of the last step. With less,
+/// an object that speeds up is held back for a step.
+const MIN_REACH: f64 = 3e-5;
+const REACH: f64 = 2.0;
 
 /// The contacts of one body.
 #[derive(Clone, Debug)]
@@ -43,18 +47,36 @@ impl BodyContacts {
         }
     }
 
-    /// Finds the contacts that a step of `dt` (s) from a state may reach. Returns the bound on its motion.
+    /// Finds the unilateral contacts that a step of `dt` (s) from a state may reach. Returns the bound on its
+    /// motion.
     pub fn find(&mut self, state: &BodyState, dt: f64) -> MotionBound {
         std::mem::swap(&mut self.contacts, &mut self.before);
         let Some(geometry) = &mut self.geometry else {
-            self.contacts.contacts.clear();
+            self.contacts.clear();
             return MotionBound::NONE;
         };
+        geometry.advance(dt);
         let speed = state.twist.linear.length() + state.twist.angular.length() * self.radius;
-        let reach = 1e-4 + 2.0 * dt * speed;
         let moved = dt * speed;
-        geometry.contacts(state, (moved, reach), &self.before, &mut self.contacts);
+        let motion = StepMotion { dt, moved, reach: MIN_REACH + REACH * moved };
+        geometry.contacts(state, &motion, &self.before, &mut self.contacts);
+        self.found.depth = self.contacts.depth;
+        self.found.contacts = self.contacts.contacts.len() as u32;
         MotionBound { step: self.contacts.room, ..geometry.bound }
+    }
+
+    /// Takes over contact geometry that was found with the body elsewhere.
+    pub fn take(&mut self, geometry: Option<&ContactGeometry>, state: &BodyState, age: f64) {
+        let Some(found) = geometry else {
+            self.geometry = None;
+            return;
+        };
+        // Keys of points change from one geometry to the next.
+        self.contacts.forget();
+        let known = self.geometry.get_or_insert_with(|| found.clone());
+        known.clone_from(found);
+        known.advance(age);
+        known.shift(known.bound.displacement(&state.pose) as f32, age);
     }
 
     /// Largest displacement of any point of the body since its contact model was found, |Δ**x**| + 2 r

@@ -194,16 +194,15 @@ impl<T: Tool> HapticLoop<T> {
     /// last two models, at most [`ContactBlend::MAX_DURATION`].
     pub(crate) fn take_model(&mut self, body: usize, update: &ContactUpdate) {
         let state = self.tool.body_state(body);
-        let Some(BodyContacts { blend, found, geometry: known, .. }) = self.bodies.get_mut(body) else {
-            return;
-        };
+        let Some(known) = self.bodies.get_mut(body) else { return };
 
         let &ContactUpdate { ref model, time, depth, contacts, ref geometry } = update;
-        let since = time - found.time;
+        let since = time - known.found.time;
         let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::MAX_DURATION) };
-        blend.arrive(model, &state, self.now - time, duration);
-        known.clone_from(geometry);
-        *found = ModelData { time, pose: *model.pose(), depth, contacts };
+        let age = self.now - time;
+        known.blend.arrive(model, &state, age, duration);
+        known.take(geometry.as_ref(), &state, if age > 0.0 { age } else { 0.0 });
+        known.found = ModelData { time, pose: *model.pose(), depth, contacts };
         let contacts = self.contacts();
         let telemetry = &mut self.telemetry;
         telemetry.depth_max = telemetry.depth_max.max(depth);

@@ -102,13 +102,13 @@ pub(crate) fn new_query(probe: &Field, scene: &Field) -> FieldQuery {
     FieldQuery::new(&probe.body, &scene.body, FIELD_REACH)
 }
 
-/// Edge of the cells in each of which the haptic loop guards a point, in bounding radii of the probe. With
-/// larger cells, places between guarded points could touch; with smaller ones there are more points.
-pub(crate) const GUARD_EDGE: f64 = 0.02;
+/// Edge of the cells of queries for guarded points, in bounding radii of the probe: it decides how densely the
+/// surface is sampled.
+const FINE_REACH: f64 = 0.05;
 
-/// Makes the workspace of queries for the points that the haptic loop guards.
+/// Makes the workspace of queries for guarded points.
 pub(crate) fn new_fine_query(probe: &Field, scene: &Field) -> FieldQuery {
-    FieldQuery::new(&probe.body, &scene.body, 2.5 * GUARD_EDGE)
+    FieldQuery::new(&probe.body, &scene.body, FINE_REACH)
 }
 
 /// Finds the contacts of two fields at poses, and appends them to `into`.

@@ -115,6 +115,11 @@ impl MovingObject {
         self.reacts = self.body.is_some();
     }
 
+    /// Whether contacts move the object, at once or in another session.
+    pub fn is_pushed(&self) -> bool {
+        self.body.is_some()
+    }
+
     /// Stops the object where it is.
     pub fn stop(&mut self) {
         (self.motion, self.given) = (None, None);
