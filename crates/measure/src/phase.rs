@@ -53,24 +53,26 @@ impl Held {
     }
 }
 
-/// Returns the phase of each of a session's steps, with `rate` records per second (Hz).
+/// Returns the phase of each of a session's steps, with `rate` records per second (Hz). `hand` holds for each
+/// of them the pose of the mesh's frame that the hand intends; where that is not known, the pose at which the
+/// device holds it ([`Record::handle`]), which chatter may shake so that a hand at rest counts as in motion.
 ///
 /// The object is in contact while a contact pushes it, and in pauses shorter than 0.15 s, so that chatter
-/// counts as contact. Whether the hand is at rest is told from the handle, not from the object, which may
-/// rattle at rest: from the change of its pose from one average over 50 ms to the next.
-pub fn phases(records: &[Record], rate: f64, held: &Held) -> Vec<Phase> {
+/// counts as contact. Whether the hand is at rest is told from its pose, and not from the object's, which may
+/// rattle at rest: from the change from one average over 50 ms to the next.
+pub fn phases(records: &[Record], hand: &[Pose], rate: f64, held: &Held) -> Vec<Phase> {
     let margin = (MARGIN * rate).round() as usize;
     let contact = bridged(records.iter().map(|record| record.contact != Default::default()), margin);
     let edges = (0..contact.len()).map(|step| step > 0 && contact[step] != contact[step - 1]);
     let onset = near(edges, margin);
-    let moving = near(moving(records, rate, held).into_iter(), margin);
+    let moving = near(moving(hand, rate, held).into_iter(), margin);
     let phase = |step: usize| match (onset[step], contact[step], moving[step]) {
         (true, ..) => Phase::Onset,
         (_, false, _) => Phase::Free,
         (_, _, true) => Phase::Sliding,
         (_, _, false) => Phase::Rest,
     };
-    (0..records.len()).map(phase).collect()
+    (0..records.len().min(hand.len())).map(phase).collect()
 }
 
 /// Closes gaps of at most `longest` steps between steps that are set.
@@ -98,21 +100,20 @@ fn near(set: impl ExactSizeIterator<Item = bool>, reach: usize) -> Vec<bool> {
     wide
 }
 
-/// Returns whether the handle moves in each step: three points of the object are followed, so that turns
-/// count too.
-fn moving(records: &[Record], rate: f64, held: &Held) -> Vec<bool> {
+/// Returns whether the hand moves in each step: three points of the object are followed, so that turns count
+/// too.
+fn moving(hand: &[Pose], rate: f64, held: &Held) -> Vec<bool> {
     let points = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| held.center + held.radius * axis);
     let length = ((AVERAGED * rate).round() as usize).max(1);
     let sums = points.map(|point| {
-        let place = |pose: &Pose| pose.transform_point(point);
         let mut sum = DVec3::ZERO;
-        let rest = records.iter().map(|record| {
-            sum += place(&record.handle);
+        let rest = hand.iter().map(|pose| {
+            sum += pose.transform_point(point);
             sum
         });
         std::iter::once(DVec3::ZERO).chain(rest).collect::<Vec<_>>()
     });
-    let count = records.len();
+    let count = hand.len();
     let speed = |step: usize, sums: &[DVec3]| {
         let (from, to) = (step.saturating_sub(length), (step + length).min(count));
         if from == step || to == step {

@@ -11,19 +11,20 @@
 //!
 //! **Thresholds.** Israr, Choi and Tan (Detection threshold and mechanical impedance of the hand in a
 //! pen-hold posture, IROS 2006) give the smallest vibration of a held stylus that hands detect, in bursts of
-//! a second: 8.5 µm peak at 20 Hz, falling by 13 dB an octave (26 µm at 10 Hz) to 160 Hz, and 0.06 µm at the
-//! minimum at 320 Hz. Above, where the threshold rises, the minimum is kept, which is the stricter. A whole
-//! hand around a cylinder feels half of that at 150 Hz, 0.03 µm (Brisben, Hsiao and Johnson, J. Neurophysiol.
-//! 81, 1999). These are thresholds of displacement. The force of a band is felt if it moves handle and hand
-//! so far: F = |k_h − ω² (m + m_h) + jω (b + b_h)| x, the impedance of the emulated [`Handle`] and [`Hand`]
-//! without the handle's friction, which would hide small forces. A real hand's mass leaves the handle alone
-//! above some 30 Hz, where [`Hand::NONE`] gives the lower force of a bare handle.
+//! a second: 26 µm peak at 10 Hz and 8.5 µm at 20 Hz, 13 dB an octave less up to 160 Hz (0.065 µm), and 0.06
+//! µm at the minimum, at 320 Hz. Here lines join these points in double-logarithmic scale. Above 320 Hz the
+//! threshold rises; the minimum is kept, which is stricter. A whole hand around a cylinder feels half of that
+//! at 150 Hz, 0.03 µm (Brisben, Hsiao and Johnson, J. Neurophysiol. 81, 1999). These are displacements. The
+//! force of a band is felt if it moves handle and hand so far: F = |k_h − ω² (m + m_h) + jω (b + b_h)| x, the
+//! impedance of the emulated [`Handle`] and [`Hand`], without the handle's friction, which would hide small
+//! forces. The mass of a real hand does not follow a handle above some 30 Hz: with [`Hand::NONE`], thresholds
+//! are those of the bare handle, which are lower.
 
 use std::f64::consts::{SQRT_2, TAU};
 
 use palpate::device::{Hand, Handle};
 use palpate::glam::DVec3;
-use palpate::{Record, Wrench};
+use palpate::{Pose, Record, Wrench};
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 use serde::Serialize;
@@ -32,8 +33,9 @@ use crate::difference::VIBRATION_FREQUENCY;
 use crate::phase::{Held, Phase, phases};
 use crate::statistics::mean;
 
-/// Exponents n of the centres 10^(n/10) Hz of the third octaves from 20 to 500 Hz.
-const BANDS: std::ops::RangeInclusive<i32> = 13..=27;
+/// Number of third octaves, with centres 10^(n/10) Hz, and n of the first, 20 Hz. The last is 500 Hz.
+const BANDS: usize = 15;
+const FIRST_BAND: usize = 13;
 /// Length of a window of the third octaves, s. A shorter one does not resolve the lowest band, 4.6 Hz wide.
 const WINDOW: f64 = 0.5;
 /// Frequency (Hz) and detected peak displacement (m) of a stylus, in rising order.
@@ -96,9 +98,10 @@ impl Level {
 }
 
 impl Vibration {
-    /// Measures a session with `rate` records per second (Hz).
-    pub fn of(records: &[Record], rate: f64, held: &Held) -> Self {
-        let phases = phases(records, rate, held);
+    /// Measures a session with `rate` records per second (Hz). `hand` holds the poses that the hand intends,
+    /// as for [`phases`].
+    pub fn of(records: &[Record], hand: &[Pose], rate: f64, held: &Held) -> Self {
+        let phases = phases(records, hand, rate, held);
         let part = |of: fn(&Wrench) -> DVec3| -> Vec<DVec3> {
             records.iter().map(|record| of(&record.coupling)).collect()
         };
@@ -114,7 +117,7 @@ impl Vibration {
                 seconds: phases.iter().filter(|found| **found == phase).count() as f64 / rate,
                 force: rms(&fast_force),
                 torque: rms(&fast_torque),
-                bands: third_octaves(&force, rate, |step| phases[step] == phase, held),
+                bands: third_octaves(&force, rate, |step| phases.get(step) == Some(&phase), held),
             }
         };
         Self {
@@ -182,7 +185,7 @@ fn third_octaves(forces: &[DVec3], rate: f64, within: impl Fn(usize) -> bool, he
     let weights: Vec<f64> =
         (0..length).map(|index| 0.5 - 0.5 * (TAU * index as f64 / length as f64).cos()).collect();
     let power: f64 = weights.iter().map(|weight| weight * weight).sum();
-    let mut squares = [0.0_f64; BANDS.end().abs_diff(*BANDS.start()) as usize + 1];
+    let mut squares = [0.0_f64; BANDS];
     let (mut any, mut start) = (false, 0);
     while start + length <= forces.len() {
         if let Some(outside) = (start..start + length).rev().find(|step| !within(*step)) {
@@ -190,7 +193,7 @@ fn third_octaves(forces: &[DVec3], rate: f64, within: impl Fn(usize) -> bool, he
             continue;
         }
         any = true;
-        let mut found = [0.0; 15];
+        let mut found = [0.0; BANDS];
         for axis in 0..3 {
             let values = || forces[start..start + length].iter().map(|force| force[axis]);
             let middle = mean(values());
@@ -206,14 +209,16 @@ fn third_octaves(forces: &[DVec3], rate: f64, within: impl Fn(usize) -> bool, he
         squares.iter_mut().zip(found).for_each(|(most, square)| *most = most.max(square));
         start += length / 2;
     }
-    let bands = BANDS.zip(squares).filter(|_| any);
-    bands.map(|(n, square)| Band::at(10.0_f64.powf(0.1 * f64::from(n)), square.sqrt(), held)).collect()
+    let center = |band: usize| 10.0_f64.powf(0.1 * (FIRST_BAND + band) as f64);
+    let bands = squares.into_iter().enumerate().filter(|_| any);
+    bands.map(|(band, square)| Band::at(center(band), square.sqrt(), held)).collect()
 }
 
 /// Returns the index of the third octave that a frequency (Hz) is in.
 fn band(frequency: f64) -> Option<usize> {
-    let n = (10.0 * frequency.log10()).round();
-    BANDS.contains(&(n as i32)).then(|| (n as i32 - BANDS.start()) as usize)
+    // Zero and whatever lies below the first band saturate to 0.
+    let n = (10.0 * frequency.log10()).round() as usize;
+    n.checked_sub(FIRST_BAND).filter(|band| *band < BANDS)
 }
 
 impl Band {

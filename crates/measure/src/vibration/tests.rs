@@ -1,4 +1,3 @@
-use palpate::Pose;
 use palpate::device::{Emulation, HapticDevice};
 use palpate::glam::DQuat;
 
@@ -123,9 +122,20 @@ fn session(force: impl Fn(usize) -> f64) -> Vec<Record> {
     (0..6000).map(record).collect()
 }
 
+/// Poses at which the device holds the object.
+fn handles(records: &[Record]) -> Vec<Pose> {
+    records.iter().map(|record| record.handle).collect()
+}
+
+fn vibration(force: impl Fn(usize) -> f64) -> Vibration {
+    let records = session(force);
+    Vibration::of(&records, &handles(&records), RATE, &held())
+}
+
 #[test]
 fn phases_are_told_from_contact_and_from_the_hand() {
-    let found = phases(&session(|_| 0.0), RATE, &held());
+    let records = session(|_| 0.0);
+    let found = phases(&records, &handles(&records), RATE, &held());
     let runs = found.chunk_by(|a, b| a == b).map(|run| (run[0], run.len())).collect::<Vec<_>>();
     let [free, down, slid, rested, up, away] = runs[..] else { panic!("{runs:?}") };
     assert_eq!((free, down), ((Phase::Free, 850), (Phase::Onset, 300)));
@@ -135,6 +145,9 @@ fn phases_are_told_from_contact_and_from_the_hand() {
     assert!((1150 + slid.1).abs_diff(3168) < 8, "{runs:?}");
     assert_eq!((up, away), ((Phase::Onset, 300), (Phase::Free, 850)));
     assert_eq!(found.len(), 6000);
+    // Where the hand intends to stay, it is at rest whatever shakes the handle.
+    let still = phases(&records, &[Pose::IDENTITY; 6000], RATE, &held());
+    assert!(!still.contains(&Phase::Sliding) && still[1150..4850] == [Phase::Rest; 3700]);
 }
 
 /// A turn about the object's centre is motion, too.
@@ -148,26 +161,22 @@ fn a_hand_that_turns_is_not_at_rest() {
             * turn
             * Pose::from_translation(-held().center);
     }
-    assert!(!phases(&records, RATE, &held()).contains(&Phase::Rest));
+    assert!(!phases(&records, &handles(&records), RATE, &held()).contains(&Phase::Rest));
 }
 
 /// Vibration counts in the phase in which it is, and the steps of the force at the touch-down count as onset.
 #[test]
 fn vibration_counts_where_it_is() {
     let wave = |step: usize, amplitude: f64| amplitude * (TAU * 100.0 * step as f64 / RATE).sin();
-    let silent = Vibration::of(&session(|_| 0.0), RATE, &held());
+    let silent = vibration(|_| 0.0);
     assert!(silent.onset.force > 0.1, "{silent:?}");
     assert!(silent.free.force.max(silent.rest.force) < 1e-3 && silent.sliding.force < 3e-3, "{silent:?}");
-    let shaken = Vibration::of(
-        &session(|step| match step {
-            1200..3000 => wave(step, 0.02),
-            3300..4800 => wave(step, 0.01),
-            5200.. => wave(step, 0.005),
-            _ => 0.0,
-        }),
-        RATE,
-        &held(),
-    );
+    let shaken = vibration(|step| match step {
+        1200..3000 => wave(step, 0.02),
+        3300..4800 => wave(step, 0.01),
+        5200.. => wave(step, 0.005),
+        _ => 0.0,
+    });
     for (level, amplitude) in [(&shaken.sliding, 0.02), (&shaken.rest, 0.01)] {
         let share = level.force * SQRT_2 / amplitude;
         assert!((0.9..1.01).contains(&share), "{level:?}");
