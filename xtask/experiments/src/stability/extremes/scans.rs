@@ -2,10 +2,9 @@
 
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use palpate::settings::SearchSettings;
-use palpate::settings::{ContactSearch, ToolSettings};
+use palpate::settings::{ContactSearch, SearchSettings, ToolSettings};
 use palpate::{Object, OpenOptions, Pose, Scene, Settings};
 use palpate_report::{CellAxis, HeatMap};
 
@@ -28,31 +27,23 @@ const DOG: Scan = ("dog_body.stl", 1.0);
 /// It has no unit; so it is 61 mm in radius.
 const SCALLOP: Scan = ("scallop_120k.glb", 0.02);
 
-/// Held object and scene. Held objects fit into the device's workspace.
-const PAIRS: [(Scan, Scan); 10] = [
-    (UPPER_TEETH, LOWER_TEETH),
-    (LOWER_TEETH, MANDIBLE),
-    (MANDIBLE, FEMUR),
-    (SPOON, MUG),
-    (SPOON, LOWER_TEETH),
-    (GOLF_BALL, HAMMER),
-    (GOLF_BALL, SCALLOP),
-    (GOLF_BALL, DOG),
-    (MUG, GOLF_BALL),
-    (SCALLOP, FEMUR),
-];
+/// Held objects, which have to fit into the device's workspace, and those that they touch: every pair of
+/// different ones.
+const HELD: [Scan; 8] = [UPPER_TEETH, LOWER_TEETH, MANDIBLE, FEMUR, GOLF_BALL, MUG, SPOON, SCALLOP];
+const TOUCHED: [Scan; 10] =
+    [UPPER_TEETH, LOWER_TEETH, MANDIBLE, FEMUR, GOLF_BALL, MUG, SPOON, SCALLOP, HAMMER, DOG];
 const MASSES: [f64; 5] = [1e-3, 1e-2, 0.1, 1.0, 10.0];
 const RATES: [f64; 4] = [50.0, 100.0, 500.0, 1000.0];
 /// Share of the cases that should be within the bounds.
 const WITHIN: f64 = 0.95;
 /// Duration of contact below which a case says nothing about contact, s.
-const TOUCHED: f64 = 0.5;
+const LEAST_CONTACT: f64 = 0.5;
 
 /// How a session answers contact: a name, and its settings.
 type Response = (&'static str, fn(&mut Settings));
 
-/// The axis of responses. Penalties have a stiffness, which belongs here (1, 10 and 100 kN/m); constraints
-/// have none.
+/// The axis of responses. Penalties have a stiffness and so belong here several times, with 1, 10 and 100
+/// kN/m; constraints have none. Each response multiplies the number of cases.
 const RESPONSES: [Response; 1] = [("default", |_| ())];
 
 /// Results of the map of scans.
@@ -64,9 +55,17 @@ pub struct Scans {
     pub verdicts: Vec<Verdict>,
 }
 
-/// A pair with a mass, a contact rate and a response.
+/// Held object and what it touches.
+struct Pair {
+    held: Object,
+    scene: Scene,
+    /// Names of the files.
+    names: [&'static str; 2],
+}
+
+/// A pair with a mass (kg), a contact rate (Hz) and a response.
 struct Parameters<'a> {
-    pair: &'a (Object, Scene, String),
+    pair: &'a Pair,
     mass: f64,
     rate: f64,
     response: &'a Response,
@@ -88,9 +87,9 @@ pub fn map(plan: &Plan) -> Result<Scans, String> {
     if !folder.exists() {
         return Ok(missing(": they are absent"));
     }
-    let (pairs_of_scans, left_out) = opened(plan, &folder)?;
+    let (scans, notes) = opened(plan, &folder)?;
     let cells = pairs(&MASSES, &RATES);
-    let cases: Vec<Parameters<'_>> = pairs_of_scans
+    let cases: Vec<Parameters<'_>> = scans
         .iter()
         .flat_map(|pair| RESPONSES.iter().map(move |response| (pair, response)))
         .flat_map(|(pair, response)| {
@@ -98,45 +97,40 @@ pub fn map(plan: &Plan) -> Result<Scans, String> {
         })
         .collect();
     let found = plan.each("extremes: scans", &cases, Parameters::measure)?;
-    Ok(described(&cases, &found, &left_out))
+    Ok(described(&cases, &found, &notes))
 }
 
-/// Opens the pairs, repaired where a mesh needs it. Returns those that can be opened, and notes about the
-/// others and about repairs.
-#[expect(clippy::type_complexity, reason = "a list of pairs and one of notes")]
-fn opened(
-    plan: &Plan,
-    folder: &std::path::Path,
-) -> Result<(Vec<(Object, Scene, String)>, Vec<String>), String> {
-    let mut scans: Vec<Scan> = PAIRS.iter().flat_map(|&(probe, scene)| [probe, scene]).collect();
-    scans.sort_by_key(|scan| scan.0);
-    scans.dedup();
-    let opened = plan.each("extremes: meshes", &scans, |(name, scale)| {
-        let open = |repair| {
-            let options = OpenOptions { scale: *scale, repair, cache: true };
-            let file = folder.join(name);
-            Object::open(&file.to_string_lossy(), &options, &mut |_, _| ControlFlow::Continue(()))
-        };
-        Ok(match open(false) {
-            Ok(object) => (Some(object), None),
-            Err(_) => match open(true) {
-                Ok(object) => (Some(object), Some(format!("{name} was repaired"))),
-                Err(error) => (None, Some(format!("{name} is left out: {error}"))),
-            },
-        })
-    })?;
-    let objects: BTreeMap<&str, &Object> = scans
-        .iter()
-        .zip(&opened)
-        .filter_map(|((name, _), (object, _))| object.as_ref().map(|object| (*name, object)))
-        .collect();
-    let pair = |&((probe, _), (scene, _)): &(Scan, Scan)| {
-        let (held, fixed) = (*objects.get(probe)?, *objects.get(scene)?);
-        let name = format!("{probe} on {scene}");
-        Some((held.clone(), Scene::new().with(fixed.clone(), Pose::IDENTITY), name))
+/// Opens the scans and pairs them. Returns notes about those that were repaired or left out.
+fn opened(plan: &Plan, folder: &Path) -> Result<(Vec<Pair>, Vec<String>), String> {
+    let opened = plan.each("extremes: meshes", &TOUCHED, |scan| Ok(open(folder, scan)))?;
+    let (mut objects, mut notes) = (BTreeMap::new(), Vec::new());
+    for ((name, _), object) in TOUCHED.iter().zip(opened) {
+        match object {
+            Ok((object, repaired)) => {
+                notes.extend(repaired.then(|| format!("{name} was repaired")));
+                objects.insert(*name, object);
+            }
+            Err(why) => notes.push(format!("{name} is left out: {why}")),
+        }
+    }
+    let pair = |(held, touched): (Scan, Scan)| {
+        let scene = Scene::new().with(objects.get(touched.0)?.clone(), Pose::IDENTITY);
+        let held = (held != touched).then_some(held)?;
+        Some(Pair { held: objects.get(held.0)?.clone(), scene, names: [held.0, touched.0] })
     };
-    let notes = opened.iter().filter_map(|(_, note)| note.clone()).collect();
-    Ok((PAIRS.iter().filter_map(pair).collect(), notes))
+    Ok((pairs(&HELD, &TOUCHED).into_iter().filter_map(pair).collect(), notes))
+}
+
+/// Opens a scan, and repairs it if it cannot be opened otherwise. Returns whether it was repaired.
+fn open(folder: &Path, (name, scale): &Scan) -> Result<(Object, bool), String> {
+    let file = folder.join(name);
+    let open = |repair| {
+        let options = OpenOptions { scale: *scale, repair, cache: true };
+        Object::open(&file.to_string_lossy(), &options, &mut |_, _| ControlFlow::Continue(()))
+    };
+    open(false)
+        .map(|object| (object, false))
+        .or_else(|_| open(true).map(|object| (object, true)).map_err(|error| error.to_string()))
 }
 
 impl Parameters<'_> {
@@ -152,15 +146,15 @@ impl Parameters<'_> {
     }
 
     fn measure(&self) -> Result<Measured, String> {
-        let (probe, scene, name) = self.pair;
-        let case = Case { probe, scene, settings: self.settings(), contact_rate: self.rate };
+        let Pair { held, scene, names: [name, touched] } = self.pair;
+        let case = Case { probe: held, scene, settings: self.settings(), contact_rate: self.rate };
         case.measure(Hands::Paused)
-            .map_err(|error| format!("{name}, {} kg, {} Hz: {error}", self.mass, self.rate))
+            .map_err(|error| format!("{name} on {touched}, {} kg, {} Hz: {error}", self.mass, self.rate))
     }
 }
 
 fn described(cases: &[Parameters<'_>], found: &[Measured], notes: &[String]) -> Scans {
-    let touched = |measured: &Measured| measured.touching() >= TOUCHED;
+    let touched = |measured: &Measured| measured.touching() >= LEAST_CONTACT;
     let counted = cases.iter().zip(found).filter(|(_, measured)| touched(measured));
     let counted: Vec<(&Parameters<'_>, &Measured)> = counted.collect();
     let within = counted.iter().filter(|(_, measured)| measured.outside().is_empty()).count();
@@ -170,7 +164,7 @@ fn described(cases: &[Parameters<'_>], found: &[Measured], notes: &[String]) -> 
     let mut paragraphs = vec![format!(
         "{} pairs of scans, with masses of {} to {} kg and contacts at {} to {} Hz, at full resolution: the hand \
          comes down, pauses, and strokes. {within} of {} cases with contact are within the bounds: {} are deeper, {} \
-         vibrate in free space, {} at rest, {} in sliding. {} cases touch for less than {TOUCHED} s and are not \
+         vibrate in free space, {} at rest, {} in sliding. {} cases touch for less than {LEAST_CONTACT} s and are not \
          counted. The table names each.",
         found.len() / (MASSES.len() * RATES.len() * RESPONSES.len()),
         MASSES[0],
@@ -199,7 +193,8 @@ fn described(cases: &[Parameters<'_>], found: &[Measured], notes: &[String]) -> 
 
 fn table(cases: &[Parameters<'_>], found: &[Measured]) -> Table {
     let columns = vec![
-        "objects",
+        "held",
+        "touched",
         "response",
         "mass_kg",
         "contact_rate_hz",
@@ -223,7 +218,8 @@ fn table(cases: &[Parameters<'_>], found: &[Measured]) -> Table {
         let [rest, sliding] = [&vibration.rest, &vibration.sliding].map(worst);
         let outside = measured.outside();
         row![
-            case.pair.2,
+            case.pair.names[0],
+            case.pair.names[1],
             case.response.0,
             case.mass,
             case.rate,

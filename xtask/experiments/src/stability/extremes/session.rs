@@ -19,7 +19,7 @@ pub const SLIDING: f64 = 0.05;
 /// Time of the descent of a hand that pauses ([`Hands::Paused`]), of its pause, and of its strokes, s.
 const DESCENT: f64 = 1.2;
 const PAUSE: f64 = 0.9;
-const STROKES: f64 = 1.4;
+const STROKES: f64 = 2.4;
 /// Share of the task's period in which it comes down.
 const DESCENDING: f64 = 0.2;
 
@@ -169,3 +169,6 @@ impl Measured {
 pub fn worst(level: &Level) -> [f64; 2] {
     level.worst().map_or([0.0; 2], |band| [band.center, band.ratio()])
 }
+
+#[cfg(test)]
+mod tests;
