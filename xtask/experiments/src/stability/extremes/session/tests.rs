@@ -2,7 +2,7 @@ use super::*;
 
 fn jaws() -> (Object, Scene) {
     let open = |name| Object::model(name).expect("a model");
-    (open("upper-jaw@1000"), Scene::new().with(open("lower-jaw@1000"), Pose::IDENTITY))
+    (open("upper-jaw@3000"), Scene::new().with(open("lower-jaw@3000"), Pose::IDENTITY))
 }
 
 /// Records of the session that the command line makes of the device's address.
