@@ -1,5 +1,6 @@
 //! Errors of measurements.
 
+use palpate::collide::{ContactSetError, QueryError};
 use palpate::device::{DeviceError, PathError};
 use palpate::errors::RendererError;
 
@@ -15,6 +16,12 @@ pub enum MeasureError {
     /// The hand's path is out of range.
     #[error(transparent)]
     Path(#[from] PathError),
+    /// A contact query was refused.
+    #[error(transparent)]
+    Query(#[from] QueryError),
+    /// A contact set was refused.
+    #[error(transparent)]
+    ContactSet(#[from] ContactSetError),
     /// The objects never came within the tolerance, so there is nothing to compare.
     #[error("{probe} never touches {scene} on this path; give another path")]
     NoContact {

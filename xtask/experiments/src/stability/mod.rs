@@ -8,6 +8,7 @@
 mod body;
 mod conditions;
 mod contacts;
+mod extremes;
 mod geometry;
 pub mod grid;
 mod lever;
@@ -64,11 +65,12 @@ enum Name {
     Turn,
     ThinWall,
     Peg,
+    Extremes,
     Session,
 }
 
 impl Name {
-    const MAPS: [Self; 10] = [
+    const MAPS: [Self; 11] = [
         Self::ZWidth,
         Self::Limits,
         Self::Body,
@@ -78,6 +80,7 @@ impl Name {
         Self::Turn,
         Self::ThinWall,
         Self::Peg,
+        Self::Extremes,
         Self::Session,
     ];
 
@@ -92,6 +95,7 @@ impl Name {
             Self::Turn => turn::map(plan),
             Self::ThinWall => thin_wall::map(plan),
             Self::Peg => peg::map(plan),
+            Self::Extremes => extremes::map(plan),
             Self::Session => session::map(plan),
             Self::All => Err("all is not a map".to_owned()),
         }

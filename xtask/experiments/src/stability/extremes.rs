@@ -1,0 +1,214 @@
+//! Map of a light body between teeth, and of scans, at the extremes of mass and contact rate: how deep they
+//! go by exact queries, and how much the hand feels of their chatter.
+
+use palpate::settings::{
+    ContactSearch, ContactSettings, CouplingSettings, DetailSettings, SearchSettings, ToolSettings,
+};
+use palpate::{Object, Pose, Scene, Settings};
+
+use self::session::{Case, DEPTH, FREE, Hands, Measured, REST, SLIDING, worst};
+use super::grid::{Plan, pairs};
+use super::page::{Section, Table, Verdict, row};
+
+mod scans;
+mod session;
+
+/// Held jaw and fixed one, and how many triangles they have in quick maps.
+const JAWS: [&str; 2] = ["upper-jaw", "lower-jaw"];
+const QUICK_TRIANGLES: usize = 4000;
+/// Mass of the held jaw, kg, and stiffness of its contacts and of the coupling, N/m.
+const MASS: f64 = 0.01;
+const CONTACT_STIFFNESS: f64 = 5000.0;
+const COUPLING_STIFFNESS: f64 = 500.0;
+
+/// Detail of the contacts between the jaws.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Detail {
+    /// Levels of detail, with details up to a share of the held jaw's bounding radius left out: `--error`.
+    Levels(f64),
+    /// The default.
+    Automatic,
+}
+
+impl Detail {
+    fn name(self) -> String {
+        match self {
+            Self::Levels(0.0) => "full".to_owned(),
+            Self::Levels(error) => format!("{} %", 100.0 * error),
+            Self::Automatic => "default".to_owned(),
+        }
+    }
+
+    fn settings(self, radius: f64) -> Settings {
+        let (method, error) = match self {
+            Self::Levels(error) => (ContactSearch::Levels, error * radius),
+            Self::Automatic => (ContactSearch::Automatic, 0.0),
+        };
+        Settings {
+            tool: ToolSettings { mass: MASS, ..ToolSettings::default() },
+            contact: ContactSettings { stiffness: CONTACT_STIFFNESS, ..ContactSettings::default() },
+            coupling: CouplingSettings { stiffness: Some(COUPLING_STIFFNESS), ..CouplingSettings::default() },
+            search: SearchSettings { method, ..SearchSettings::default() },
+            detail: DetailSettings { error, ..DetailSettings::default() },
+            ..Settings::default()
+        }
+    }
+}
+
+/// Sessions of the jaws with a detail and a contact rate: one that explores, and one that presses and holds.
+struct Jaws {
+    detail: Detail,
+    rate: f64,
+    exploring: Measured,
+    pressing: Measured,
+}
+
+/// Makes the map.
+///
+/// # Errors
+/// If a model cannot be built, or a session cannot start.
+pub fn map(plan: &Plan) -> Result<Section, String> {
+    let details =
+        plan.choose(&[Detail::Levels(0.025), Detail::Levels(0.0), Detail::Automatic], &[Detail::Levels(0.0)]);
+    let rates = plan.choose(&[500.0, 100.0, 50.0], &[50.0]);
+    let jaws = jaws(plan, &pairs(&details, &rates))?;
+    let scans = scans::map(plan)?;
+    let verdicts = details.iter().flat_map(|detail| {
+        verdicts(*detail, &jaws.iter().filter(|jaws| jaws.detail == *detail).collect::<Vec<_>>())
+    });
+    Ok(Section {
+        title: "Extremes: a light jaw on teeth, and scans",
+        paragraphs: [vec![introduction()], scans.paragraphs].concat(),
+        pictures: scans.pictures,
+        tables: [vec![table(&jaws)], scans.tables].concat(),
+        verdicts: verdicts.chain(scans.verdicts).collect(),
+    })
+}
+
+fn introduction() -> String {
+    format!(
+        "`palpate run {} {} --device emulated --lockstep --contact-rate HZ --seconds 5 --mass {MASS} \
+         --contact-stiffness {CONTACT_STIFFNESS} --coupling-stiffness {COUPLING_STIFFNESS} --error 2.5%`, and the same \
+         with `--error 0`, without `--error`, and with a hand that presses and holds \
+         (`--device emulated:premium-1.5,task=press --seconds 4`), which alone has a time at rest. Penetration is that \
+         of `palpate query --exact` along the recorded poses. Forces are at the device, root mean square above 20 Hz \
+         (Butterworth, fourth order, forwards and backwards), in free space, within 0.15 s of touch-down or release \
+         (onset), in contact at rest, and in sliding. Third octaves from 20 to 500 Hz are given over the level that a \
+         hand around a stylus feels (Israr, Choi and Tan, IROS 2006), with the emulated hand's impedance. Bounds: \
+         {} mm; {FREE} N in free space, {REST} N at rest, {SLIDING} N in sliding.",
+        JAWS[0],
+        JAWS[1],
+        1e3 * DEPTH,
+    )
+}
+
+/// Runs the sessions of the jaws.
+fn jaws(plan: &Plan, cases: &[(Detail, f64)]) -> Result<Vec<Jaws>, String> {
+    let models = plan.each("extremes: jaws", &JAWS, |name| {
+        let name = if plan.quick { format!("{name}@{QUICK_TRIANGLES}") } else { (*name).to_owned() };
+        Object::model(&name).map_err(|error| error.to_string())
+    })?;
+    let [probe, lower] = &models[..] else { return Err("two jaws are needed".to_owned()) };
+    let scene = Scene::new().with(lower.clone(), Pose::IDENTITY);
+    let sessions = pairs(cases, &[Hands::Exploring, Hands::Pressing]);
+    let found = plan.each("extremes", &sessions, |((detail, rate), hands)| {
+        let settings = detail.settings(probe.bounding_radius());
+        Case { probe, scene: &scene, settings, contact_rate: *rate }.measure(*hands)
+    })?;
+    let mut found = found.into_iter();
+    let paired = cases.iter().map_while(|&(detail, rate)| {
+        Some(Jaws { detail, rate, exploring: found.next()?, pressing: found.next()? })
+    });
+    Ok(paired.collect())
+}
+
+fn table(jaws: &[Jaws]) -> Table {
+    let columns = vec![
+        "detail",
+        "contact_rate_hz",
+        "told_m",
+        "exact_m",
+        "exact_at_s",
+        "deeper_share",
+        "free_n",
+        "onset_n",
+        "sliding_n",
+        "sliding_nm",
+        "sliding_s",
+        "sliding_band_hz",
+        "sliding_ratio",
+        "press_told_m",
+        "press_exact_m",
+        "rest_n",
+        "rest_nm",
+        "rest_s",
+        "rest_band_hz",
+        "rest_ratio",
+    ];
+    let rows = jaws.iter().map(|Jaws { detail, rate, exploring, pressing }| {
+        let (slid, rested) = (&exploring.vibration.sliding, &pressing.vibration.rest);
+        let [slid_worst, rested_worst] = [slid, rested].map(worst);
+        row![
+            detail.name(),
+            rate,
+            exploring.told,
+            exploring.exact.depth,
+            exploring.exact.index.map_or(f64::NAN, |index| 1e-3 * (index + 1) as f64),
+            exploring.beyond(),
+            exploring.vibration.free.force,
+            exploring.vibration.onset.force,
+            slid.force,
+            slid.torque,
+            slid.seconds,
+            slid_worst[0],
+            slid_worst[1],
+            pressing.told,
+            pressing.exact.depth,
+            rested.force,
+            rested.torque,
+            rested.seconds,
+            rested_worst[0],
+            rested_worst[1],
+        ]
+    });
+    Table { name: "extremes".to_owned(), columns, rows: rows.collect() }
+}
+
+/// Returns the verdicts on the sessions with one detail.
+fn verdicts(detail: Detail, jaws: &[&Jaws]) -> Vec<Verdict> {
+    let both = |jaws: &&Jaws| jaws.exploring.exact.depth.max(jaws.pressing.exact.depth);
+    let free = |jaws: &&Jaws| jaws.exploring.vibration.free.force;
+    let rest = |jaws: &&Jaws| jaws.pressing.vibration.rest.force;
+    let slid = |jaws: &&Jaws| jaws.exploring.vibration.sliding.force;
+    let at = |value: &dyn Fn(&&Jaws) -> f64| {
+        let each = jaws.iter().map(|jaws| format!("{:.4} at {} Hz", value(jaws), jaws.rate));
+        each.collect::<Vec<_>>().join(", ")
+    };
+    let most = |value: &dyn Fn(&&Jaws) -> f64| jaws.iter().map(value).fold(0.0, f64::max);
+    let name = detail.name();
+    let happened = |seconds: &dyn Fn(&&Jaws) -> f64| jaws.iter().all(|jaws| seconds(jaws) > 0.0);
+    let rested = happened(&|jaws| jaws.pressing.vibration.rest.seconds);
+    let touched = happened(&|jaws| jaws.exploring.vibration.sliding.seconds);
+    vec![
+        Verdict::new(
+            format!("jaws, detail {name}: penetration stays within {} mm", 1e3 * DEPTH),
+            most(&both) <= DEPTH && touched,
+            format!("{} mm", at(&|jaws| 1e3 * both(jaws))),
+        ),
+        Verdict::new(
+            format!("jaws, detail {name}: force above 20 Hz stays within {SLIDING} N in sliding"),
+            most(&slid) <= SLIDING && touched,
+            format!("{} N", at(&slid)),
+        ),
+        Verdict::new(
+            format!("jaws, detail {name}: force above 20 Hz stays within {REST} N at rest"),
+            most(&rest) <= REST && rested,
+            format!("{} N", at(&rest)),
+        ),
+        Verdict::new(
+            format!("jaws, detail {name}: force above 20 Hz stays within {FREE} N in free space"),
+            most(&free) <= FREE,
+            format!("{} N", at(&free)),
+        ),
+    ]
+}
