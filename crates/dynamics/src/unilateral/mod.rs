@@ -68,7 +68,8 @@ pub struct MotionBound {
 
 impl MotionBound {
     /// No bound.
-    pub const NONE: Self = Self { from: Pose::IDENTITY, room: f64::INFINITY, step: f64::INFINITY, radius: 0.0 };
+    pub const NONE: Self =
+        Self { from: Pose::IDENTITY, room: f64::INFINITY, step: f64::INFINITY, radius: 0.0 };
 
     /// Bound on the displacement of any point of the body, m: |Δ**x**| + 2 r sin(θ/2).
     pub fn displacement(&self, pose: &Pose) -> f64 {

@@ -24,6 +24,13 @@ pub struct ConstrainedStep {
     pub held_back: bool,
 }
 
+impl From<Step> for ConstrainedStep {
+    /// A step that no bound shortened.
+    fn from(step: Step) -> Self {
+        Self { step, held_back: false }
+    }
+}
+
 /// Advances the body by `dt` (s) as [`semi_implicit_step`](crate::semi_implicit_step) does, without passing
 /// the surfaces of unilateral `contacts`, and no further than a `bound`. Updates the contacts' impulses.
 ///
@@ -78,7 +85,8 @@ fn within(bound: &MotionBound, state: &BodyState, twist: &Twist, dt: f64) -> (Tw
         return (*twist, false);
     }
     // Displacements add up to no more than their sum.
-    let room = if is_near { bound.step } else { bound.step.min(bound.room - bound.displacement(&state.pose)) };
+    let room =
+        if is_near { bound.step } else { bound.step.min(bound.room - bound.displacement(&state.pose)) };
     let share = (room / length).clamp(0.0, 1.0);
     (Twist::new(twist.linear * share, twist.angular * share), true)
 }

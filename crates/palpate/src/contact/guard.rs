@@ -14,12 +14,12 @@ use palpate_core::glam::DVec3;
 use palpate_dynamics::{BodyState, MotionBound, MovingBody};
 use palpate_field::{FeatureMesh, FieldQuery, SurfacePoint};
 
+use super::ContactLoop;
 use super::assemble::counterpart;
 use super::by_fields::in_steps;
 use super::geometry::{ContactGeometry, NearObject};
 use super::guarded_point::GuardedPoint;
 use super::proxy::{LevelFinder, QueryReport};
-use super::ContactLoop;
 use crate::scene::field::new_fine_query;
 use crate::settings::Response;
 

@@ -319,6 +319,7 @@ impl<T: Tool> HapticLoop<T> {
         let step = self.tool.step(hand, &mut loads, dt);
         drop(loads);
         let events = &mut self.telemetry.events;
+        events.waited += u64::from(step.waited);
         events.step_refused += u64::from(step.status.failure.is_some());
         events.contacts_unsettled += u64::from(step.status.active_set_unsettled);
         events.step_unconverged += u64::from(step.status.unconverged);

@@ -170,6 +170,7 @@ impl Moves for Hinged {
         self.state = step.state;
         ToolStep {
             status: step.status,
+            waited: false,
             coupling: step.coupling,
             gripper: step.gripper,
             stop: step.stop,

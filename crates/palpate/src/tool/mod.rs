@@ -104,6 +104,8 @@ pub struct BodyLoads<'a> {
 pub struct ToolStep {
     /// Status of the step.
     pub status: StepStatus,
+    /// Whether the step was shortened by the bound on motion.
+    pub waited: bool,
     /// Wrench of the coupling on the device, about the grasp.
     pub coupling: Wrench,
     /// Torque on the gripper about the hinge's axis, N·m; a positive one opens the gripper.

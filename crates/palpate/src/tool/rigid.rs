@@ -5,7 +5,8 @@ use std::sync::Arc;
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Wrench};
 use palpate_dynamics::{
-    Body, BodyState, Frame, Integrator, LinearContactModel, VirtualCoupling, constrained_step,
+    Body, BodyState, ConstrainedStep, Frame, Integrator, LinearContactModel, VirtualCoupling,
+    constrained_step,
 };
 
 use super::{BodyLoads, Hand, Moves, Tool, ToolStep};
@@ -57,15 +58,16 @@ impl Moves for Rigid {
             contacts: load.as_ref().map_or(&NONE, |load| load.model),
             gravity: DVec3::ZERO,
         };
-        let step = match load {
+        let ConstrainedStep { step, held_back } = match load {
             Some(load) if load.constrained => {
-                constrained_step(&frame, &self.state, load.unilateral, &load.bound, dt).step
+                constrained_step(&frame, &self.state, load.unilateral, &load.bound, dt)
             }
-            _ => self.integrator.step(&frame, &self.state, dt),
+            _ => self.integrator.step(&frame, &self.state, dt).into(),
         };
         self.state = step.state;
         ToolStep {
             status: step.status,
+            waited: held_back,
             coupling: step.coupling,
             gripper: 0.0,
             stop: 0.0,
