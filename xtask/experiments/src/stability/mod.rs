@@ -5,6 +5,7 @@
 //! pictures of them, and a page, `stability.md`, that describes them. Every number and every verdict on the
 //! page is computed from the results; the same arguments give the same files, whatever the number of threads.
 
+mod assembly;
 mod body;
 mod conditions;
 mod contacts;
@@ -64,11 +65,14 @@ enum Name {
     Turn,
     ThinWall,
     Peg,
+    Insertion,
+    Nut,
+    Locking,
     Session,
 }
 
 impl Name {
-    const MAPS: [Self; 10] = [
+    const MAPS: [Self; 13] = [
         Self::ZWidth,
         Self::Limits,
         Self::Body,
@@ -78,6 +82,9 @@ impl Name {
         Self::Turn,
         Self::ThinWall,
         Self::Peg,
+        Self::Insertion,
+        Self::Nut,
+        Self::Locking,
         Self::Session,
     ];
 
@@ -92,6 +99,9 @@ impl Name {
             Self::Turn => turn::map(plan),
             Self::ThinWall => thin_wall::map(plan),
             Self::Peg => peg::map(plan),
+            Self::Insertion => assembly::insertion::map(plan),
+            Self::Nut => assembly::nut::map(plan),
+            Self::Locking => assembly::locking::map(plan),
             Self::Session => session::map(plan),
             Self::All => Err("all is not a map".to_owned()),
         }
