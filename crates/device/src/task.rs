@@ -137,17 +137,7 @@ impl Task {
                 (DVec3::new(along, 0.0, height(pressed(0.1))), 0.0)
             }
             Self::Tap => (DVec3::Z * (0.5 * CLEARANCE - (0.5 * CLEARANCE + PRESS_DEPTH) * pressed(0.5)), 0.0),
-            Self::File => {
-                let working = ((phase - 0.15) / 0.7).clamp(0.0, 1.0) * FILE_STROKES;
-                let stroke = working.fract();
-                // Two thirds of a stroke go forward.
-                let forward = smooth_step(stroke / 0.67) - smooth_step((stroke - 0.67) / 0.33);
-                let bearing = smooth_step(stroke / 0.1) - smooth_step((stroke - 0.6) / 0.1);
-                let along = STROKE_AMPLITUDE * (2.0 * forward - 1.0);
-                let light = FILE_RETURN_DEPTH + (PRESS_DEPTH - FILE_RETURN_DEPTH) * bearing;
-                let down = pressed(0.15);
-                (DVec3::new(along, 0.0, CLEARANCE - (CLEARANCE + light) * down), 0.0)
-            }
+            Self::File => filing(phase, pressed(0.15)),
             // Its lengths are no multiples of the site's size.
             Self::TurnNut => (DVec3::ZERO, 0.0),
             Self::PegInsertion => {
@@ -163,6 +153,18 @@ impl Task {
             }
         }
     }
+}
+
+/// Offset (in sizes) and rotation (rad) of a file at a phase of the cycle, while it is down from 0 to 1.
+fn filing(phase: f64, down: f64) -> (DVec3, f64) {
+    let working = ((phase - 0.15) / 0.7).clamp(0.0, 1.0) * FILE_STROKES;
+    let stroke = working.fract();
+    // Two thirds of a stroke go forward.
+    let forward = smooth_step(stroke / 0.67) - smooth_step((stroke - 0.67) / 0.33);
+    let bearing = smooth_step(stroke / 0.1) - smooth_step((stroke - 0.6) / 0.1);
+    let along = STROKE_AMPLITUDE * (2.0 * forward - 1.0);
+    let depth = FILE_RETURN_DEPTH + (PRESS_DEPTH - FILE_RETURN_DEPTH) * bearing;
+    (DVec3::new(along, 0.0, CLEARANCE - (CLEARANCE + depth) * down), 0.0)
 }
 
 /// 0 below 0, 1 above 1, smooth between.
@@ -224,6 +226,27 @@ mod tests {
                 assert!(place.truncate().length() < 1e-2, "{place} at {i} ms");
             }
         }
+    }
+
+    /// A file bears on its way forward, and rests on the surface on its way back.
+    #[test]
+    fn a_file_presses_forward_only() {
+        let place =
+            |step: u32| (Task::File.pose(f64::from(step) * 1e-3, &SITE).translation - SITE.touch) / SITE.size;
+        let [mut forward, mut back] = [(0.0, 0.0); 2];
+        // Between coming down and withdrawing.
+        for step in 900..5100 {
+            let along = place(step + 1).x - place(step).x;
+            let part = if along > 0.0 { &mut forward } else { &mut back };
+            *part = (part.0 + along.abs(), part.1 - along.abs() * place(step).z);
+        }
+        let stroke = 2.0 * STROKE_AMPLITUDE * FILE_STROKES;
+        assert!((forward.0 - stroke).abs() < 1e-3 && (back.0 - stroke).abs() < 1e-3, "{forward:?} {back:?}");
+        let [pressed, rested] = [forward, back].map(|(length, pressed)| pressed / length);
+        assert!(
+            pressed > 0.8 * PRESS_DEPTH && (0.0..0.3 * PRESS_DEPTH).contains(&rested),
+            "{pressed} {rested}"
+        );
     }
 
     #[test]

@@ -61,20 +61,9 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
     let found = plan.each("insertion", &cases, |case| insert(case, &fits[case.fit]))?;
     let judged = &found[found.len() - tremors.len() * cells.len()..];
     let maps = pairs(&responses, &tremors).into_iter().zip(found.chunks(cells.len()));
-    let maps = maps.map(|((response, tremor), found)| HeatMap {
-        title: format!("{}, tremor {} mm", response.name, 1e3 * tremor),
-        x: CellAxis { name: "tilt, degrees".to_owned(), values: tilts.clone() },
-        y: CellAxis {
-            name: "clearance, mm".to_owned(),
-            values: clearances.iter().map(|clearance| 1e3 * clearance).collect(),
-        },
-        cells: found.iter().map(|inserted| 1.0 - (inserted.depth / INSERTION).clamp(0.0, 1.0)).collect(),
-        legend: vec![
-            (0.0, "completely inserted".to_owned()),
-            (0.5, "half inserted".to_owned()),
-            (1.0, "not at all".to_owned()),
-        ],
-        boundaries: Vec::new(),
+    let maps = maps.map(|((response, tremor), found)| {
+        let title = format!("{}, tremor {} mm", response.name, 1e3 * tremor);
+        heat_map(title, found, &tilts, &clearances)
     });
     Ok(Section {
         title: "Insertion: a peg held aslant by a hand that trembles",
@@ -97,6 +86,24 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
         tables: vec![table(&cases, &found, &clearances)],
         verdicts: verdicts(judged),
     })
+}
+
+fn heat_map(title: String, found: &[Inserted], tilts: &[f64], clearances: &[f64]) -> HeatMap {
+    HeatMap {
+        title,
+        x: CellAxis { name: "tilt, degrees".to_owned(), values: tilts.to_vec() },
+        y: CellAxis {
+            name: "clearance, mm".to_owned(),
+            values: clearances.iter().map(|clearance| 1e3 * clearance).collect(),
+        },
+        cells: found.iter().map(|inserted| 1.0 - (inserted.depth / INSERTION).clamp(0.0, 1.0)).collect(),
+        legend: vec![
+            (0.0, "completely inserted".to_owned()),
+            (0.5, "half inserted".to_owned()),
+            (1.0, "not at all".to_owned()),
+        ],
+        boundaries: Vec::new(),
+    }
 }
 
 fn table(cases: &[Case], found: &[Inserted], clearances: &[f64]) -> Table {
