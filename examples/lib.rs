@@ -1,6 +1,7 @@
 //! Shared by the examples of palpate: `cargo run --release --example jaws` renders ten seconds in real time
 //! and writes a recording and a report; `-- --lockstep` does the same on a simulated clock, reproducibly.
 
+pub mod assembly;
 mod command_line;
 
 use std::error::Error;

@@ -50,6 +50,7 @@ impl Emulation {
         let encoders = Encoders::new(&self.specification, self.substep, &pose);
         Ok(EmulatedDevice {
             encoders,
+            intended: (pose, hand_path.twist),
             hand_path,
             pose,
             twist: Twist::ZERO,
@@ -72,6 +73,7 @@ pub struct EmulatedDevice {
     emulation: Emulation,
     encoders: Encoders,
     hand_path: HandPath,
+    intended: (Pose, Twist),
     pose: Pose,
     twist: Twist,
     wrench: Delayed<Wrench>,
@@ -114,9 +116,9 @@ impl EmulatedDevice {
         (self.pose, self.twist)
     }
 
-    /// Pose and twist that the hand intends.
+    /// Pose and twist that the hand intends, with its tremor.
     pub fn intended(&self) -> (Pose, Twist) {
-        (self.hand_path.pose, self.hand_path.twist)
+        self.intended
     }
 
     /// The wrench on the hand now, after clipping and [delay](Specification::delay), N and N·m.
@@ -167,10 +169,15 @@ impl EmulatedDevice {
 
     /// One integration step: the hand's intention at its end, then handle and hand, then the encoders.
     fn substep(&mut self, dt: f64) {
-        self.hand_path.advance(self.substeps.simulated_time());
+        let time = self.substeps.simulated_time();
+        self.hand_path.advance(time);
         self.events |= self.hand_path.status;
-        let intended = (&self.hand_path.pose, &self.hand_path.twist);
         let Emulation { handle, hand, .. } = &self.emulation;
+        let (offset, velocity) = hand.tremble(time);
+        self.intended = (self.hand_path.pose, self.hand_path.twist);
+        self.intended.0.translation += offset;
+        self.intended.1.linear += velocity;
+        let intended = (&self.intended.0, &self.intended.1);
         let (pose, twist) =
             mechanics::step(handle, hand, (&self.pose, &self.twist), &self.wrench.current, intended, dt);
         if pose.is_valid() && twist.is_finite() {

@@ -5,6 +5,9 @@
 //! [`Hand::ARM`]. The lighter grips and the angular values span the ranges usual in the literature on grip
 //! impedance; they are not one person's.
 
+use std::f64::consts::TAU;
+
+use glam::DVec3;
 use palpate_core::{Pose, Twist};
 use serde::{Deserialize, Serialize};
 
@@ -29,6 +32,20 @@ pub struct Hand {
     pub angular_damping: f64,
     /// Angular stiffness towards the intended orientation, N·m/rad.
     pub angular_stiffness: f64,
+    /// Radius of the circle in the device's xy plane that the intended position trembles on, m: the
+    /// amplitude to each side. The twist includes the tremor's velocity.
+    #[serde(default)]
+    pub tremor: f64,
+    /// Frequency of the tremor, Hz. Physiological tremor of the hand is at 8 to 12 Hz.
+    #[serde(default = "tremor_frequency")]
+    pub tremor_frequency: f64,
+}
+
+/// Time over which a tremor sets in, s, so that a handle that starts at rest is not jerked.
+const TREMOR_ONSET: f64 = 0.5;
+
+const fn tremor_frequency() -> f64 {
+    8.0
 }
 
 impl Hand {
@@ -40,6 +57,8 @@ impl Hand {
         inertia: 0.0,
         angular_damping: 0.0,
         angular_stiffness: 0.0,
+        tremor: 0.0,
+        tremor_frequency: tremor_frequency(),
     };
     /// Fingertips.
     pub const LIGHT: Self = Self {
@@ -49,6 +68,8 @@ impl Hand {
         inertia: 1e-4,
         angular_damping: 0.005,
         angular_stiffness: 0.3,
+        tremor: 0.0,
+        tremor_frequency: tremor_frequency(),
     };
     /// A relaxed pen grip.
     pub const GRIP: Self = Self {
@@ -58,6 +79,8 @@ impl Hand {
         inertia: 1e-3,
         angular_damping: 0.02,
         angular_stiffness: 1.0,
+        tremor: 0.0,
+        tremor_frequency: tremor_frequency(),
     };
     /// A tight grip.
     pub const FIRM: Self = Self {
@@ -67,6 +90,8 @@ impl Hand {
         inertia: 3e-3,
         angular_damping: 0.05,
         angular_stiffness: 3.0,
+        tremor: 0.0,
+        tremor_frequency: tremor_frequency(),
     };
     /// Hand and arm moving together.
     pub const ARM: Self = Self {
@@ -76,6 +101,8 @@ impl Hand {
         inertia: 3e-3,
         angular_damping: 0.05,
         angular_stiffness: 3.0,
+        tremor: 0.0,
+        tremor_frequency: tremor_frequency(),
     };
 
     /// Named hands.
@@ -90,6 +117,17 @@ impl Hand {
     /// The hand with this name.
     pub fn preset(name: &str) -> Option<Self> {
         Self::PRESETS.iter().find(|(known, _)| *known == name).map(|&(_, hand)| hand)
+    }
+
+    /// Displacement of the intended position by the tremor (m) and its velocity (m/s), at a time (s).
+    pub(crate) fn tremble(&self, time: f64) -> (DVec3, DVec3) {
+        let rate = TAU * self.tremor_frequency;
+        let (sin, cos) = (rate * time).sin_cos();
+        let x = (time / TREMOR_ONSET).clamp(0.0, 1.0);
+        let radius = self.tremor * x * x * (3.0 - 2.0 * x);
+        let growth = self.tremor * 6.0 * x * (1.0 - x) / TREMOR_ONSET;
+        let (out, along) = (DVec3::new(sin, cos, 0.0), DVec3::new(cos, -sin, 0.0));
+        (out * radius, out * growth + along * (radius * rate))
     }
 }
 

@@ -54,7 +54,7 @@ pub use replay::ReplayDevice;
 pub use specification::{Axes, Specification};
 pub use state::{DeviceState, Status};
 pub use steering::Steering;
-pub use task::{Task, TaskSite};
+pub use task::{Task, TaskParameters, TaskSite};
 pub use velocity::{AdaptiveWindow, LONGEST_WINDOW, LowPass};
 
 /// A device that reports how its handle moves and applies a wrench to the hand that holds it.

@@ -152,7 +152,8 @@ fn open_emulated(which: Option<&str>) -> Opened {
         (Some(path), _) => path.into(),
         (None, Some(task)) => {
             let size = hand.emulation.specification.workspace_radius.min(MAX_SITE_SIZE);
-            task.path(&TaskSite { touch: task.beside() * size, pivot: DVec3::ZERO, size })?
+            hand.task_parameters
+                .path(task, &TaskSite { touch: task.beside() * size, pivot: DVec3::ZERO, size })?
         }
         (None, None) => Pose::IDENTITY.into(),
     };

@@ -4,11 +4,14 @@
 //! heights are above first touch. A hand that intends to be below it presses; how hard depends on its
 //! stiffness.
 
+mod parameters;
+
 use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
 use palpate_core::Pose;
 
+pub use self::parameters::TaskParameters;
 use crate::{IntendedPath, PathError};
 
 /// Height above first touch in free motion, and intended depth below it when pressing, in sizes.
@@ -21,6 +24,9 @@ const TWIST_AMPLITUDE: f64 = 0.05;
 /// Offset from the hole at which a peg first touches, and depth of insertion, in sizes.
 const HOLE_OFFSET: f64 = 0.05;
 const INSERTION_DEPTH: f64 = 0.5;
+/// Number of strokes of a file in a cycle, and intended depth on the way back, in sizes.
+const FILE_STROKES: f64 = 4.0;
+const FILE_RETURN_DEPTH: f64 = 0.005;
 
 /// A movement that an emulated hand repeats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,6 +44,12 @@ pub enum Task {
     Tap,
     /// Touches down beside a hole, searches it in a spiral, pushes in, twists, and pulls out.
     PegInsertion,
+    /// Turns a nut on and off again: presses lightly along the axis while it turns clockwise, seen from
+    /// above, and pulls lightly while it turns back. The intended position goes along the axis with the
+    /// pitch.
+    TurnNut,
+    /// Files along x: strokes forward under pressure, and back on the surface, lightly.
+    File,
 }
 
 /// Location and scale of a task.
@@ -53,13 +65,15 @@ pub struct TaskSite {
 
 impl Task {
     /// All tasks with their names.
-    pub const ALL: [(&'static str, Self); 6] = [
+    pub const ALL: [(&'static str, Self); 8] = [
         ("explore", Self::Explore),
         ("press", Self::Press),
         ("stroke", Self::Stroke),
         ("scrub", Self::Scrub),
         ("tap", Self::Tap),
         ("peg-insertion", Self::PegInsertion),
+        ("turn-nut", Self::TurnNut),
+        ("file", Self::File),
     ];
 
     /// The task with this name.
@@ -67,14 +81,9 @@ impl Task {
         Self::ALL.iter().find(|(known, _)| *known == name).map(|&(_, task)| task)
     }
 
-    /// Period of the task, s.
+    /// Period of the task with the default parameters, s.
     pub fn cycle(self) -> f64 {
-        match self {
-            Self::Explore | Self::Scrub => 10.0,
-            Self::Press | Self::Stroke => 4.0,
-            Self::Tap => 0.5,
-            Self::PegInsertion => 8.0,
-        }
+        TaskParameters::default().cycle(self)
     }
 
     /// Horizontal offset from the site at which the task first touches, in sizes: [`TaskSite::touch`] must be
@@ -86,20 +95,17 @@ impl Task {
         }
     }
 
-    /// Intended pose of the handle at a time (s).
+    /// Intended pose of the handle at a time (s), with the default parameters.
     pub fn pose(self, time: f64, site: &TaskSite) -> Pose {
-        let (offset, angle) = self.movement((time / self.cycle()).rem_euclid(1.0));
-        let rotation = DQuat::from_rotation_z(angle);
-        let translation = site.touch + offset * site.size + site.pivot - rotation * site.pivot;
-        Pose::new(translation, rotation)
+        TaskParameters::default().pose(self, time, site)
     }
 
-    /// The task as a path for a hand, repeated without end.
+    /// The task as a path for a hand, repeated without end, with the default parameters.
     ///
     /// # Errors
     /// If the site is so large or so far away that a pose is out of a path's range.
     pub fn path(self, site: &TaskSite) -> Result<IntendedPath, PathError> {
-        IntendedPath::cycle(self.cycle(), |time| self.pose(time, site))
+        TaskParameters::default().path(self, site)
     }
 
     /// Offset from first touch (in sizes) and rotation about the vertical (rad) at a phase of the cycle, 0 to
@@ -131,6 +137,9 @@ impl Task {
                 (DVec3::new(along, 0.0, height(pressed(0.1))), 0.0)
             }
             Self::Tap => (DVec3::Z * (0.5 * CLEARANCE - (0.5 * CLEARANCE + PRESS_DEPTH) * pressed(0.5)), 0.0),
+            Self::File => filing(phase, pressed(0.15)),
+            // Its lengths are no multiples of the site's size.
+            Self::TurnNut => (DVec3::ZERO, 0.0),
             Self::PegInsertion => {
                 // The spiral begins where the peg first touches and ends at the hole; the hand retraces it in
                 // the air.
@@ -144,6 +153,18 @@ impl Task {
             }
         }
     }
+}
+
+/// Offset (in sizes) and rotation (rad) of a file at a phase of the cycle, while it is down from 0 to 1.
+fn filing(phase: f64, down: f64) -> (DVec3, f64) {
+    let working = ((phase - 0.15) / 0.7).clamp(0.0, 1.0) * FILE_STROKES;
+    let stroke = working.fract();
+    // Two thirds of a stroke go forward.
+    let forward = smooth_step(stroke / 0.67) - smooth_step((stroke - 0.67) / 0.33);
+    let bearing = smooth_step(stroke / 0.1) - smooth_step((stroke - 0.6) / 0.1);
+    let along = STROKE_AMPLITUDE * (2.0 * forward - 1.0);
+    let depth = FILE_RETURN_DEPTH + (PRESS_DEPTH - FILE_RETURN_DEPTH) * bearing;
+    (DVec3::new(along, 0.0, CLEARANCE - (CLEARANCE + depth) * down), 0.0)
 }
 
 /// 0 below 0, 1 above 1, smooth between.
@@ -177,11 +198,15 @@ mod tests {
             assert!(places[0].z > 0.04, "{name} begins at {}", places[0]);
             assert!(fastest < 1.1e-2, "{name}: {fastest} sizes in a millisecond");
             assert!(pressed > steps / 4 && pressed < steps * 9 / 10, "{name}: {pressed} of {steps}");
-            let deepest =
-                if task == Task::PegInsertion { INSERTION_DEPTH + PRESS_DEPTH } else { PRESS_DEPTH };
+            let nut = TaskParameters::default();
+            let deepest = match task {
+                Task::PegInsertion => INSERTION_DEPTH + PRESS_DEPTH,
+                Task::TurnNut => (nut.press + nut.turns * nut.pitch) / SITE.size,
+                _ => PRESS_DEPTH,
+            };
             assert!((lowest + deepest).abs() < 1e-3, "{name} goes down to {lowest}");
             let to_the_side = match task {
-                Task::Press | Task::Tap => 0.0,
+                Task::Press | Task::Tap | Task::TurnNut => 0.0,
                 Task::PegInsertion => 2.0 * HOLE_OFFSET,
                 _ => STROKE_AMPLITUDE,
             };
@@ -201,6 +226,27 @@ mod tests {
                 assert!(place.truncate().length() < 1e-2, "{place} at {i} ms");
             }
         }
+    }
+
+    /// A file bears on its way forward, and rests on the surface on its way back.
+    #[test]
+    fn a_file_presses_forward_only() {
+        let place =
+            |step: u32| (Task::File.pose(f64::from(step) * 1e-3, &SITE).translation - SITE.touch) / SITE.size;
+        let [mut forward, mut back] = [(0.0, 0.0); 2];
+        // Between coming down and withdrawing.
+        for step in 900..5100 {
+            let along = place(step + 1).x - place(step).x;
+            let part = if along > 0.0 { &mut forward } else { &mut back };
+            *part = (part.0 + along.abs(), part.1 - along.abs() * place(step).z);
+        }
+        let stroke = 2.0 * STROKE_AMPLITUDE * FILE_STROKES;
+        assert!((forward.0 - stroke).abs() < 1e-3 && (back.0 - stroke).abs() < 1e-3, "{forward:?} {back:?}");
+        let [pressed, rested] = [forward, back].map(|(length, pressed)| pressed / length);
+        assert!(
+            pressed > 0.8 * PRESS_DEPTH && (0.0..0.3 * PRESS_DEPTH).contains(&rested),
+            "{pressed} {rested}"
+        );
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! Procedural benchmark models: the objects of the dissertation's Tables 3.2 and 4.1 and of §5.5.3, and a jaw
-//! of forceps, generated deterministically at any resolution.
+//! Procedural benchmark models: the objects of the dissertation's Tables 3.2 and 4.1 and of §5.5.3, a jaw of
+//! forceps, and parts to assemble, generated deterministically at any resolution.
 //!
 //! Every model is a closed 2-manifold, consistently oriented (outwards), without self-intersections, in
 //! metres.
@@ -20,6 +20,7 @@ mod hammer;
 mod jaws;
 mod lathe;
 mod path;
+mod peg;
 mod plate;
 mod relief;
 mod remesh;
@@ -28,11 +29,14 @@ mod stitched;
 mod stylus;
 mod surface;
 mod tetrahedra;
+mod thread;
 mod torus;
 mod window;
 
 pub use jaws::JawPart;
 use palpate_core::TriMesh;
+pub use peg::PegFit;
+pub use thread::MetricThread;
 
 /// A built-in model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -84,6 +88,17 @@ pub enum Model {
     /// lies along x, its gripping face in the plane y = 0; the other jaw is the same, turned half a turn
     /// about x.
     ForcepsJaw,
+    /// Bolt M16 × 2 with its head, in the middle of the tolerance 6g ([`MetricThread::M16`]). The axis is z,
+    /// the head bears at z = 0, the shank points up.
+    Bolt,
+    /// Nut M16 × 2 in the middle of the tolerance 6H. The axis is z, the centre is the origin. Bolt and nut
+    /// are engaged at equal poses, and wherever the nut is turned by φ about z and moved by 2 mm · φ/2π
+    /// along it.
+    Nut,
+    /// Peg of 8 mm, chamfered, that stands on its tip at the origin ([`PegFit::LOOSE_8_MM`]).
+    Peg,
+    /// Block with a chamfered hole for the peg, 0.05 mm wider all around, its mouth about the origin.
+    Hole,
 }
 
 /// Error of naming or generating a model.
@@ -117,6 +132,14 @@ pub enum ModelError {
         /// Largest number of triangles.
         max: usize,
     },
+    /// The dimensions are not those of such a model.
+    #[error("the dimensions of a {model} are out of range: {expected}")]
+    Dimensions {
+        /// The model's name.
+        model: &'static str,
+        /// What they should be.
+        expected: &'static str,
+    },
 }
 
 /// Name, default size and description of a model.
@@ -131,7 +154,7 @@ struct Entry {
 /// All models, in the order of [`Model`]'s variants. A table rather than a `match`: LLVM 22 unrolls a search
 /// over such a `match` into 400 comparisons, on which its constraint elimination spends minutes (`opt-level =
 /// 3`).
-static ENTRIES: [Entry; 20] = [
+static ENTRIES: [Entry; 24] = [
     entry(Model::LowerJaw, "lower-jaw", 40_180, "lower jaw, an arch of teeth (Table 3.2)"),
     entry(Model::UpperJaw, "upper-jaw", 47_339, "upper jaw, interdigitates with the lower (Table 3.2)"),
     entry(Model::BallJointBall, "ball-joint-ball", 137_060, "ball half of a ball joint (Table 3.2)"),
@@ -152,6 +175,10 @@ static ENTRIES: [Entry; 20] = [
     entry(Model::Stylus, "stylus", 20_000, "probe with a spherical tip of §5.5.4"),
     entry(Model::Plate, "plate", 12, "flat plate of §5.5.4"),
     entry(Model::ForcepsJaw, "forceps-jaw", 2_000, "jaw of forceps with its hinge (§6.2.3)"),
+    entry(Model::Bolt, "bolt", 24_000, "bolt M16 with its thread, 6g"),
+    entry(Model::Nut, "nut", 14_000, "nut M16 with its thread, 6H"),
+    entry(Model::Peg, "peg", 1_000, "chamfered peg, 8 mm"),
+    entry(Model::Hole, "hole", 1_200, "block with a hole for the peg, 0.05 mm wider all around"),
 ];
 
 const fn entry(model: Model, name: &'static str, triangles: usize, description: &'static str) -> Entry {
@@ -163,8 +190,8 @@ pub const MAX_TRIANGLES: usize = 20_000_000;
 
 impl Model {
     /// All models, in the order of the tables.
-    pub const ALL: [Self; 20] = {
-        let mut all = [Self::LowerJaw; 20];
+    pub const ALL: [Self; 24] = {
+        let mut all = [Self::LowerJaw; 24];
         let mut index = 0;
         while index < all.len() {
             all[index] = ENTRIES[index].model;
@@ -218,6 +245,10 @@ impl Model {
             Self::Stylus => (stylus::MIN_TRIANGLES, stylus::build),
             Self::Plate => (plate::MIN_TRIANGLES, plate::build),
             Self::ForcepsJaw => (forceps_jaw::MIN_TRIANGLES, forceps_jaw::build),
+            Self::Bolt => (thread::MIN_BOLT_TRIANGLES, |count| thread::bolt(&MetricThread::M16, count)),
+            Self::Nut => (thread::MIN_NUT_TRIANGLES, |count| thread::nut(&MetricThread::M16, count)),
+            Self::Peg => (peg::MIN_TRIANGLES, |count| peg::peg(&PegFit::LOOSE_8_MM, count)),
+            Self::Hole => (peg::MIN_TRIANGLES, |count| peg::hole(&PegFit::LOOSE_8_MM, count)),
         };
         if !(min..=MAX_TRIANGLES).contains(&triangles) {
             return Err(ModelError::OutOfRange {

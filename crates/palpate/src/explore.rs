@@ -5,7 +5,7 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 use palpate_device::{
     DeviceError, EmulatedHand, HapticDevice, IntendedPath, MotionPath, PathError, PathPoint, Steering, Task,
-    TaskSite,
+    TaskParameters, TaskSite,
 };
 
 use crate::scene::Scene;
@@ -53,7 +53,8 @@ pub fn open_device_for(
             let specification = &hand.emulation.specification;
             let placement = HandlePlacement::new(settings, probe, specification);
             let reach = specification.workspace_radius * settings.device.workspace_scale;
-            placed_path(hand.task.unwrap_or_default(), probe, scene, (&placement, reach))?
+            let task = (hand.task.unwrap_or_default(), &hand.task_parameters);
+            placed_path(task, probe, scene, (&placement, reach))?
         }
     };
     Ok(Box::new(hand.open(path)?))
@@ -89,6 +90,7 @@ pub fn open_steered_device(
 /// If an object is so large or so far away that a pose is out of a path's range.
 pub fn path(task: Task, probe: &Object, scene: &Scene) -> Result<IntendedPath, PathError> {
     let handle = probe.clod.source.center_of_mass;
+    let task = (task, &TaskParameters::default());
     placed_path(task, probe, scene, (&HandlePlacement::holding(&Settings::default(), handle), f64::INFINITY))
 }
 
@@ -111,7 +113,7 @@ pub fn mesh_path(path: MotionPath, settings: &Settings, placement: HandlePlaceme
 /// probe is larger than the workspace, lengths are multiples of the workspace's radius, and the probe rotates
 /// about the handle.
 fn placed_path(
-    task: Task,
+    (task, parameters): (Task, &TaskParameters),
     probe: &Object,
     scene: &Scene,
     (placement, reach): (&HandlePlacement, f64),
@@ -120,7 +122,9 @@ fn placed_path(
     if site.size > reach {
         (site.size, site.pivot) = (reach, placement.handle());
     }
-    IntendedPath::cycle(task.cycle(), |time| placement.device_pose(&task.pose(time, &site)))
+    IntendedPath::cycle(parameters.cycle(task), |time| {
+        placement.device_pose(&parameters.pose(task, time, &site))
+    })
 }
 
 /// Site in the scene where the probe does a task.

@@ -21,7 +21,8 @@ pub fn of_model(model: Model) -> View {
         Model::File => (-90.0, 62.0),
         Model::Torus => (-70.0, 40.0),
         Model::Stylus => (-60.0, 20.0),
-        Model::Plate | Model::ForcepsJaw => (-60.0, 30.0),
+        Model::Plate | Model::ForcepsJaw | Model::Nut | Model::Hole => (-60.0, 30.0),
+        Model::Bolt | Model::Peg => (-60.0, 15.0),
         Model::GolfBall | Model::Ellipsoid => (-60.0, 25.0),
     };
     // Long objects fill the picture if they lie across it.

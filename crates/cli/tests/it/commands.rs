@@ -45,8 +45,8 @@ fn models_are_listed_exported_and_checked() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
     let models = json(&["models", "--json"], folder);
-    assert_eq!(models.as_array().map(Vec::len), Some(20));
-    assert_eq!(succeeds(&["models"], folder).lines().count(), 20);
+    assert_eq!(models.as_array().map(Vec::len), Some(24));
+    assert_eq!(succeeds(&["models"], folder).lines().count(), 24);
 
     succeeds(&["export", "ellipsoid@500", "-o", "e.obj"], folder);
     let check = json(&["check", "e.obj", "--json"], folder);

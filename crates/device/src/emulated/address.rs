@@ -5,7 +5,7 @@ use std::path::Path;
 use serde_json::{Map, Value};
 
 use super::{EmulatedDevice, Emulation, GripperEmulation};
-use crate::{AnglePath, DeviceError, Hand, IntendedPath, Interpolation, MotionPath, Task};
+use crate::{AnglePath, DeviceError, Hand, IntendedPath, Interpolation, MotionPath, Task, TaskParameters};
 
 /// Name of this kind of device in an address.
 pub(crate) const KIND: &str = "emulated";
@@ -17,6 +17,8 @@ pub struct EmulatedHand {
     pub emulation: Emulation,
     /// Task of the hand, if the address names one.
     pub task: Option<Task>,
+    /// How the hand does its task.
+    pub task_parameters: TaskParameters,
     /// Intended path of the hand (device axes), if the address names a file.
     pub path: Option<MotionPath>,
     /// Intended angle of the gripper, if the address names a file; the device then has a gripper.
@@ -32,7 +34,7 @@ impl EmulatedHand {
     /// [`AnglePath::load`]; the name cannot have a comma), the numbers of a
     /// [`Specification`](crate::Specification) (`peak_force`, `encoder_step`, …; `inf` for no limit),
     /// `handle.mass` and the other parameters of a [`Handle`](crate::Handle), `hand.mass` and those of a
-    /// [`Hand`], `substep` and `catch_up`.
+    /// [`Hand`], `task.turns` and those of [`TaskParameters`], `substep` and `catch_up`.
     ///
     /// # Errors
     /// If there is no such key, or its value is not valid.
@@ -54,7 +56,8 @@ impl EmulatedHand {
             }
         };
         let emulation = preset.map_or_else(|| Some(Emulation::default()), Emulation::preset)?;
-        Some(Self { emulation, task: None, path: None, gripper: None }.with(settings))
+        let task_parameters = TaskParameters::default();
+        Some(Self { emulation, task: None, task_parameters, path: None, gripper: None }.with(settings))
     }
 
     /// Opens the device with a path for the hand, and with a gripper if the address names one.
@@ -99,23 +102,30 @@ impl EmulatedHand {
                 self.task = Some(task.ok_or_else(|| refused(setting, names(&Task::ALL)))?);
             }
             "gripper" => self.gripper = Some(AnglePath::load(Path::new(value))?),
-            _ => self.emulation = with_number(&self.emulation, key, setting, value)?,
+            _ => {
+                (self.emulation, self.task_parameters) =
+                    with_number((&self.emulation, &self.task_parameters), key, setting, value)?
+            }
         }
         Ok(())
     }
 }
 
-/// The emulation with one of its numbers replaced.
+/// The emulation and the task's parameters with one of their numbers replaced.
 ///
 /// Numbers are found by their field names through serde, so that a new field needs no entry here.
 fn with_number(
-    emulation: &Emulation,
+    (emulation, task): (&Emulation, &TaskParameters),
     key: &str,
     setting: &str,
     value: &str,
-) -> Result<Emulation, DeviceError> {
+) -> Result<(Emulation, TaskParameters), DeviceError> {
     let unusable = |error: serde_json::Error| refused(setting, error.to_string());
     let mut all = serde_json::to_value(emulation).map_err(unusable)?;
+    let task = serde_json::to_value(task).map_err(unusable)?;
+    if let Some(all) = all.as_object_mut() {
+        all.insert("task".into(), task);
+    }
     let keys = keys(&all);
     let known =
         || refused(setting, format!("one of {} = a number; hand, task, gripper or path", keys.join(", ")));
@@ -135,10 +145,13 @@ fn with_number(
             *entry = number.clone();
         }
     }
-    serde_json::from_value(all).map_err(|_| refused(setting, "a finite number after `=`".into()))
+    let not_finite = |_| refused(setting, "a finite number after `=`".into());
+    let task = all.as_object_mut().and_then(|all| all.remove("task")).unwrap_or_default();
+    let task = serde_json::from_value(task).map_err(not_finite)?;
+    Ok((serde_json::from_value(all).map_err(not_finite)?, task))
 }
 
-/// Keys of all numbers of an emulation.
+/// Keys of all numbers of an emulation and of a task.
 fn keys(emulation: &Value) -> Vec<String> {
     let numbers = |entries: Option<&Map<String, Value>>, prefix: &str| -> Vec<String> {
         let named = entries.into_iter().flatten().filter(|(_, value)| value.is_number() || value.is_null());
@@ -149,6 +162,7 @@ fn keys(emulation: &Value) -> Vec<String> {
         numbers(part("specification"), ""),
         numbers(part("handle"), "handle."),
         numbers(part("hand"), "hand."),
+        numbers(part("task"), "task."),
         numbers(emulation.as_object(), ""),
     ]
     .concat()
@@ -212,6 +226,25 @@ mod tests {
     }
 
     #[test]
+    fn a_task_has_parameters() {
+        let hand =
+            parsed("emulated:task=turn-nut,task.turns=2,task.turn_rate=0.5,hand.tremor=3e-4,task.tilt=0.03");
+        assert_eq!(hand.task, Some(Task::TurnNut));
+        let expected = TaskParameters { turns: 2.0, turn_rate: 0.5, tilt: 0.03, ..TaskParameters::default() };
+        assert_eq!(hand.task_parameters, expected);
+        assert_eq!(hand.emulation.hand, Hand { tremor: 3e-4, ..Hand::default() });
+        for key in ["turns", "turn_rate", "pitch", "press", "tilt"] {
+            assert_ne!(
+                parsed(&format!("emulated:task.{key}=0.5")).task_parameters,
+                TaskParameters::default()
+            );
+        }
+        let error = EmulatedHand::at("emulated:task.speed=1").unwrap().unwrap_err().to_string();
+        assert!(error.contains("task.turn_rate"), "{error}");
+        assert!(EmulatedHand::at("emulated:task.turns=inf").unwrap().is_err());
+    }
+
+    #[test]
     fn a_path_takes_the_rest() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a,b=c.csv");
@@ -242,7 +275,7 @@ mod tests {
     fn invalid_settings_are_named() {
         for (address, expected) in [
             ("emulated:touch,hand=strong", "`hand=strong`: give one of none, light"),
-            ("emulated:task=fly", "one of explore, press, stroke, scrub, tap, peg-insertion"),
+            ("emulated:task=fly", "one of explore, press, stroke, scrub, tap, peg-insertion, turn-nut, file"),
             ("emulated:omega,firm", "KEY=VALUE"),
             ("emulated:mass=1", "handle.mass"),
             ("emulated:name=1", "encoder_step"),

@@ -44,6 +44,8 @@ impl Emulation {
             ("hand angular damping (N·m·s/rad)", hand.angular_damping),
             ("hand angular stiffness (N·m/rad)", hand.angular_stiffness),
         ];
+        let tremor =
+            [("hand tremor (m)", hand.tremor, 0.1), ("hand tremor (Hz)", hand.tremor_frequency, 100.0)];
         let steps =
             [("encoder step (m)", s.encoder_step), ("angular encoder step (rad)", s.angular_encoder_step)];
         let limits = [
@@ -55,6 +57,7 @@ impl Emulation {
         not_negative
             .into_iter()
             .try_for_each(|(name, value)| within(name, value, 0.0, MAX_PARAMETER, true))?;
+        tremor.into_iter().try_for_each(|(name, value, high)| within(name, value, 0.0, high, true))?;
         steps.into_iter().try_for_each(|(name, value)| within(name, value, 1e-9, 1.0, true))?;
         limits.into_iter().try_for_each(|(name, value)| within(name, value, 0.0, f64::INFINITY, true))?;
         within("velocity delay (s)", s.velocity_delay, 0.0, 1.0, true)?;

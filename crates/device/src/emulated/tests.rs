@@ -475,3 +475,41 @@ fn a_delay_that_no_device_has_is_refused() {
         assert!(error.contains("delay (s)"), "{error}");
     }
 }
+
+/// The intention trembles by the amplitude to each side at the frequency, about the path; the twist is its
+/// derivative, and it sets in smoothly.
+#[test]
+fn a_hand_trembles_about_its_path() {
+    let (amplitude, frequency) = (3e-4, 8.0);
+    let hand = Hand { tremor: amplitude, tremor_frequency: frequency, ..Hand::GRIP };
+    let path = |time: f64| {
+        (Pose::from_translation(DVec3::X * 0.01 * time), Twist::new(DVec3::X * 0.01, DVec3::ZERO))
+    };
+    let mut device = ideal(hand).open(IntendedPath::function(path)).unwrap();
+    let mut offsets: Vec<DVec3> = Vec::new();
+    let mut last: Option<(Pose, Twist)> = None;
+    for i in 0..=3000 {
+        let time = f64::from(i) * 1e-3;
+        device.read(time).unwrap();
+        let (pose, twist) = device.intended();
+        offsets.push(pose.translation - path(time).0.translation);
+        if let Some((before, rate)) = last {
+            let moved = (pose.translation - before.translation) / 1e-3;
+            let error = moved.distance(0.5 * (rate.linear + twist.linear));
+            assert!(error < 1e-4, "the velocity is off by {error} m/s at {time} s");
+        }
+        last = Some((pose, twist));
+    }
+    assert!(offsets[0].length() < 1e-12 && offsets[1].length() < 1e-8, "{}", offsets[1]);
+    let steady = &offsets[1000..];
+    assert!(steady.iter().all(|offset| (offset.length() - amplitude).abs() < 1e-9 && offset.z == 0.0));
+    let crossings = steady.windows(2).filter(|pair| pair[0].y < 0.0 && pair[1].y >= 0.0).count();
+    assert_eq!(crossings, 16, "8 Hz over 2 s");
+    // The handle follows: it trembles too, and a steady hand does not.
+    let shaken = |tremor: f64| {
+        let mut device = ideal(Hand { tremor, ..hand }).open(Pose::IDENTITY).unwrap();
+        run(&mut device, 1.0);
+        (0..125).map(|_| run(&mut device, 1e-3).pose.translation.x.abs()).fold(0.0, f64::max)
+    };
+    assert!(shaken(amplitude) > 0.3 * amplitude && shaken(0.0) == 0.0, "{} m", shaken(amplitude));
+}

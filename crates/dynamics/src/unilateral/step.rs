@@ -56,8 +56,8 @@ pub fn constrained_step(
     };
     let free = Twist::new(state.twist.linear + change.linear, state.twist.angular + change.angular);
     let recovery = (RECOVERY_FORCE / frame.coupling.linear_damping).min(MAX_RECOVERY);
-    let mut solver = Solver::new(contacts, &mobility, dt, recovery);
-    let (twist, converged) = solver.solve(&free, contacts);
+    let mut solver = Solver::new(contacts, &free, &mobility, dt, recovery);
+    let (twist, converged) = solver.solve();
     solver.store(contacts);
     status.unconverged = !converged;
     let (twist, held_back) = within(bound, state, &twist, dt);

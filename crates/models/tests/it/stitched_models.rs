@@ -9,7 +9,7 @@ use palpate_mesh_io::{intersecting_pairs, self_intersections};
 use palpate_models::Model;
 
 /// Models, each with its genus.
-const STITCHED: [(Model, i64); 11] = [
+const STITCHED: [(Model, i64); 15] = [
     (Model::Cup, 1),
     (Model::CupLow, 1),
     (Model::Spoon, 0),
@@ -21,6 +21,10 @@ const STITCHED: [(Model, i64); 11] = [
     (Model::CadPart, 8),
     (Model::File, 0),
     (Model::Torus, 1),
+    (Model::Bolt, 0),
+    (Model::Nut, 1),
+    (Model::Peg, 0),
+    (Model::Hole, 1),
 ];
 
 /// Smallest number of triangles of a model.

@@ -285,6 +285,7 @@ fn emulation(g: &mut Genes<'_>) -> Emulation {
         inertia: g.log(1e-5, 1e-2),
         angular_damping: g.log(1e-4, 0.3),
         angular_stiffness: g.log(0.01, 20.0),
+        ..Hand::NONE
     };
     let hand = if g.chance(0.5) { grip } else { hand };
     // The delay that the driver states may be wrong.

@@ -38,7 +38,11 @@ pub fn color(model: Model) -> [f32; 3] {
         | Model::File
         | Model::Stylus
         | Model::Plate
-        | Model::ForcepsJaw => STEEL,
+        | Model::ForcepsJaw
+        | Model::Bolt
+        | Model::Nut
+        | Model::Peg
+        | Model::Hole => STEEL,
     }
 }
 

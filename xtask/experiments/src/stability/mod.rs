@@ -5,6 +5,7 @@
 //! pictures of them, and a page, `stability.md`, that describes them. Every number and every verdict on the
 //! page is computed from the results; the same arguments give the same files, whatever the number of threads.
 
+mod assembly;
 mod body;
 mod conditions;
 mod contacts;
@@ -66,11 +67,14 @@ enum Name {
     ThinWall,
     Peg,
     Extremes,
+    Insertion,
+    Nut,
+    Locking,
     Session,
 }
 
 impl Name {
-    const MAPS: [Self; 11] = [
+    const MAPS: [Self; 14] = [
         Self::ZWidth,
         Self::Limits,
         Self::Body,
@@ -81,6 +85,9 @@ impl Name {
         Self::ThinWall,
         Self::Peg,
         Self::Extremes,
+        Self::Insertion,
+        Self::Nut,
+        Self::Locking,
         Self::Session,
     ];
 
@@ -96,6 +103,9 @@ impl Name {
             Self::ThinWall => thin_wall::map(plan),
             Self::Peg => peg::map(plan),
             Self::Extremes => extremes::map(plan),
+            Self::Insertion => assembly::insertion::map(plan),
+            Self::Nut => assembly::nut::map(plan),
+            Self::Locking => assembly::locking::map(plan),
             Self::Session => session::map(plan),
             Self::All => Err("all is not a map".to_owned()),
         }
