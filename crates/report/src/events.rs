@@ -3,7 +3,7 @@
 use palpate::Events;
 
 /// Field name and meaning of each event of [`Events`].
-pub const EVENTS: [(&str, &str); 32] = [
+pub const EVENTS: [(&str, &str); 33] = [
     (
         "device_refused",
         "the device did not answer, reported a motion that is not finite, or refused a wrench",
@@ -16,6 +16,10 @@ pub const EVENTS: [(&str, &str); 32] = [
     (
         "rebased",
         "the device returned at another pose than it was lost at; the object stayed, and the hand continues from there",
+    ),
+    (
+        "waited",
+        "the object was held back, since it could have touched surfaces that no contact query had found yet",
     ),
     ("withheld", "the driver had sent zero instead of the wrench, which was then ramped up from zero"),
     ("late", "a step came late while the hand kept moving; the wrench was ramped up from zero"),

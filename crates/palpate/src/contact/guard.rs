@@ -27,6 +27,10 @@ use crate::settings::Response;
 /// minima of the distance are missed; with smaller ones there are more points.
 const CELL: f64 = 0.02;
 
+/// Distance of surfaces up to which cells have that edge, as a fraction of it; twice as far they are twice as
+/// large. With less, points that are soon needed are missing; with more, there are more points.
+const NEAR: f64 = 0.25;
+
 /// Distance at which surfaces are held apart, in bounding radii of the body. Without it rounding lets them
 /// overlap, and directions between them are lost.
 const MARGIN: f64 = 7e-5;
@@ -72,12 +76,14 @@ impl Starts {
         self.cells.clear();
     }
 
-    /// Adds a start, in place of a further one in its cell.
+    /// Adds a start, in place of a further one in its cell; cells have an edge (m) where surfaces are near each
+    /// other, and are larger further away.
     fn push(&mut self, start: Start, at: DVec3, direction: DVec3, edge: f64) {
-        let [x, y, z] = (at / edge).floor().to_array().map(|at| at as i32);
+        let size = (start.distance / (NEAR * edge)).max(1.0).log2() as i32;
+        let [x, y, z] = (at / (edge * f64::from(1 << size.min(8)))).floor().to_array().map(|at| at as i32);
         let axis = direction.abs().max_position();
         let side = 2 * axis as i32 + i32::from(direction[axis] < 0.0);
-        let key = [x, y, z, side, 2 * i32::from(start.object) + i32::from(start.is_probe)];
+        let key = [x, y, z, side + 6 * size, 2 * i32::from(start.object) + i32::from(start.is_probe)];
         let known = *self.cells.entry(key).or_insert(self.all.len());
         match self.all.get_mut(known) {
             Some(known) if known.distance <= start.distance => {}
