@@ -41,10 +41,21 @@ const MIN_REACH: f64 = 2.0;
 
 /// Time of motion within which a step may meet a point, s: two haptic periods. With more, cells are larger than
 /// they need to be.
-const NEAR_TIME: f64 = 2e-3;
+const NEAR_TIME: f64 = 3e-3;
+
+/// The same for a body at rest, in tolerances d.
+const MIN_NEAR: f64 = 0.1;
+
+/// Largest number of points that near: some fewer than a step takes, since others come near until the next
+/// query.
+const MAX_NEAR: usize = 3 * MAX_UNILATERAL / 4;
 
 /// Largest number of times that cells are doubled.
-const MAX_DOUBLINGS: u32 = 6;
+const MAX_DOUBLINGS: u32 = 8;
+
+/// Largest number of cells whose points are made, some of which come out as the same. With more, a query takes
+/// longer.
+const MAX_CELLS: usize = 2 * MAX_POINTS;
 
 /// Points that there is room for from the start.
 const RESERVED: usize = 2048;
@@ -114,9 +125,13 @@ impl Guard {
         let mut edge = limits.edge;
         for _ in 0..MAX_DOUBLINGS {
             self.choose(edge);
+            if self.cells.len() > MAX_CELLS {
+                edge *= 2.0;
+                continue;
+            }
             self.make(geometry, mesh, limits.reach, edge);
             let near = self.points.iter().filter(|point| f64::from(point.slack) < limits.near).count();
-            if self.points.len() <= MAX_POINTS && near <= MAX_UNILATERAL {
+            if self.points.len() <= MAX_POINTS && near <= MAX_NEAR {
                 break;
             }
             edge *= 2.0;
@@ -201,7 +216,7 @@ impl ContactLoop {
         } else {
             self.start_at_patches(&mut guard, &mut geometry, &mesh, reach, &mut report)
         };
-        let near = speed * NEAR_TIME;
+        let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
         guard.fill(&mut geometry, &mesh, &Limits { reach, edge, near });
         geometry.bound.room = if report.refused { 0.0 } else { room };
         self.guard = guard;
