@@ -231,7 +231,10 @@ impl ContactLoop {
     /// Moves gains and s₀ towards the tuned ones over the time (s) since the last step.
     pub(super) fn tune(&mut self, interval: f64) {
         while let Some(tuning) = self.tunings.as_mut().and_then(|tunings| tunings.pop().ok()) {
-            let ContactTuning { parameters, error, interpolation, query_budget } = tuning;
+            let ContactTuning { response, parameters, error, interpolation, query_budget } = tuning;
+            if self.may_constrain {
+                self.response = response;
+            }
             let objects = self.objects.iter().flatten().map(|object| &object.object);
             let error = if any_refined(objects.chain([&self.probe])) { error } else { 0.0 };
             // Levels are interpolated until full resolution is reached.

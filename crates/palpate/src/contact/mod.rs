@@ -123,6 +123,8 @@ pub struct ContactLoop {
     /// Contact search in fields, or the reason for the search by levels.
     by_fields: Result<Box<ByFields>, ByLevels>,
     response: Response,
+    /// Whether contacts may be constraints.
+    may_constrain: bool,
     /// Workspace of contacts that are constraints.
     guard: Guard,
     /// Texture stage, if an object is textured.
@@ -152,6 +154,11 @@ impl ContactLoop {
     ) -> Result<Self, ContactLoopError> {
         let DetailSettings { error, interpolation, query_budget } = settings.detail;
         let SearchSettings { clusters, braking, proxy, .. } = settings.search;
+        if settings.contact.response == Response::Constraints {
+            // Made now, since it takes longer than a step.
+            let surfaces = std::iter::once(probe).chain(scene.iter().map(|placed| &placed.object));
+            surfaces.for_each(|object| drop(object.features()));
+        }
         let radius = probe.bounding_radius() + probe.clod.source.center_of_mass.length();
         let (query, objects) = place_objects(probe, scene);
         let with_places = objects_of(&objects);
@@ -179,6 +186,7 @@ impl ContactLoop {
             still: ContactGroup::with_still(clusters, probe.bounding_radius()),
             by_fields,
             response: settings.contact.response,
+            may_constrain: true,
             guard: Guard::new(),
             textures,
             braking,
@@ -288,6 +296,11 @@ impl ContactLoop {
             Ok(fields) if self.textures.is_none() => fields.max_reach(),
             _ => self.probe.shape().max_tolerance(),
         }
+    }
+
+    /// Renders all contacts as penalty contacts from now on.
+    pub(crate) fn use_penalties(&mut self) {
+        (self.response, self.may_constrain) = (Response::Penalty, false);
     }
 
     pub(crate) fn set_tunings(&mut self, tunings: Consumer<ContactTuning>) {

@@ -94,6 +94,8 @@ struct Prepared<T> {
     gripper: Option<Gripper>,
     /// Method by which contacts are found; it may differ from the settings'.
     search: ContactSearch,
+    /// Whether contacts may be constraints.
+    may_constrain: bool,
 }
 
 impl HapticRenderer {
@@ -141,6 +143,7 @@ impl HapticRenderer {
             gains,
             gripper: None,
             search: settings.search.method,
+            may_constrain: true,
         };
         Self::assemble(prepared, scene, device, state, settings)
     }
@@ -216,6 +219,8 @@ impl HapticRenderer<Hinged> {
                 ContactSearch::Automatic => ContactSearch::Levels,
                 asked => asked,
             },
+            // The step of a tool with a hinge takes penalty contacts only.
+            may_constrain: false,
         };
         Self::assemble(prepared, scene, device, state, settings)
     }
@@ -235,7 +240,7 @@ impl<T: Tool> HapticRenderer<T> {
         state: DeviceState,
         settings: Settings,
     ) -> Result<Self, RendererError> {
-        let Prepared { tool, bodies, grasped, gains, gripper, search } = prepared;
+        let Prepared { tool, bodies, grasped, gains, gripper, search, may_constrain } = prepared;
         let period = 1.0 / settings.timing.rate;
         let loop_settings = LoopSettings {
             grasp: gains.grasp,
@@ -254,7 +259,12 @@ impl<T: Tool> HapticRenderer<T> {
         let searching = Settings { search: SearchSettings { method: search, ..settings.search }, ..settings };
         let contacts = bodies.iter().map(|(object, body)| {
             let center = object.clod.source.center_of_mass;
-            ContactLoop::new(object, *body, center, scene.objects(), gains.contacts, &searching)
+            let mut contact =
+                ContactLoop::new(object, *body, center, scene.objects(), gains.contacts, &searching)?;
+            if !may_constrain {
+                contact.use_penalties();
+            }
+            Ok::<_, ContactLoopError>(contact)
         });
         Ok(Self {
             haptic,
@@ -348,8 +358,12 @@ impl<T: Tool> HapticRenderer<T> {
 
 impl HapticRenderer {
     /// Sets the method that integrates the motion of the grasped object, to compare it with the semi-implicit
-    /// step. Explicit methods are unstable with a light object.
+    /// step. With another one all contacts are penalty contacts. Explicit methods are unstable with a light
+    /// object.
     pub fn set_integrator(&mut self, integrator: Arc<dyn Integrator>) {
+        if integrator.name() != SemiImplicit.name() {
+            self.contacts.iter_mut().for_each(ContactLoop::use_penalties);
+        }
         self.haptic.tool.integrator = integrator;
     }
 

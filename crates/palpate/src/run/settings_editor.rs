@@ -109,7 +109,8 @@ impl SettingsEditor {
             haptic.push(tuning).map_err(|_| SettingsEditError::Full)?;
         }
         for contact in &mut edited.contact {
-            let tuning = ContactTuning { parameters, error, interpolation, query_budget };
+            let response = settings.contact.response;
+            let tuning = ContactTuning { response, parameters, error, interpolation, query_budget };
             contact.push(tuning).map_err(|_| SettingsEditError::Full)?;
         }
         edited.settings = settings;

@@ -4,6 +4,8 @@
 
 use palpate_dynamics::{ContactParameters, Friction, SlewLimit, VirtualCoupling};
 
+use super::Response;
+
 /// Duration of the ramp from old gains to new ones, s. A shorter ramp is felt as a jolt while a spring is
 /// stretched.
 const RAMP_TIME: f64 = 0.2;
@@ -20,6 +22,7 @@ pub(crate) struct HapticTuning {
 /// Live settings of the contact loop.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ContactTuning {
+    pub response: Response,
     pub parameters: ContactParameters,
     pub error: f64,
     pub interpolation: bool,

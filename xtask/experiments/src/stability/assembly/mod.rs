@@ -31,12 +31,15 @@ struct Response {
 
 /// All responses. Only what a task needs differs from the default settings: friction, and the mass.
 fn responses() -> Vec<Response> {
-    [("penalties", palpate::settings::Response::Penalty), ("constraints", palpate::settings::Response::Constraints)]
-        .map(|(name, response)| Response {
-            name,
-            contact: ContactSettings { response, ..ContactSettings::default() },
-        })
-        .into()
+    [
+        ("penalties", palpate::settings::Response::Penalty),
+        ("constraints", palpate::settings::Response::Constraints),
+    ]
+    .map(|(name, response)| Response {
+        name,
+        contact: ContactSettings { response, ..ContactSettings::default() },
+    })
+    .into()
 }
 
 impl Response {
