@@ -181,6 +181,21 @@ impl ContactLoop {
             && !self.textures.as_ref().is_some_and(|textures| textures.has(place))
     }
 
+    /// How contacts act, in words.
+    pub(crate) fn response_stage(&self) -> String {
+        let pushed = self.moving.iter().any(|&place| !self.is_guarded(place));
+        match self.response {
+            Response::Penalty => "penalties".to_owned(),
+            Response::Constraints if self.textures.is_some() => {
+                "constraints; penalties with textured objects".to_owned()
+            }
+            Response::Constraints if pushed => {
+                "constraints; penalties with objects that contacts move".to_owned()
+            }
+            Response::Constraints => "constraints".to_owned(),
+        }
+    }
+
     /// Whether contacts with all objects are constraints.
     pub(super) fn guards_all(&self) -> bool {
         (0..self.objects.len()).all(|place| self.objects[place].is_none() || self.is_guarded(place))

@@ -330,6 +330,7 @@ impl<T: Tool> HapticRenderer<T> {
             ("braking", on_or_off(settings.search.braking)),
             ("clustering", format!("on beyond {} contacts", settings.search.clusters)),
             ("contact query", query),
+            ("contact response", contact.response_stage()),
             ("device", self.device_stage()),
             ("friction", self.friction_stage()),
             ("hierarchy", self.hierarchy_stage()),
