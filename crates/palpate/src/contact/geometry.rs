@@ -12,7 +12,7 @@ use palpate_core::glam::{DQuat, DVec3};
 use palpate_dynamics::{BodyState, Friction, MAX_UNILATERAL, MotionBound, MovingBody, UnilateralContact};
 use palpate_field::FeatureMesh;
 
-use super::guarded_point::GuardedPoint;
+use super::guarded_point::{Frames, GuardedPoint};
 
 /// Largest number of guarded points.
 pub(crate) const MAX_POINTS: usize = 384;
@@ -101,14 +101,16 @@ impl ContactGeometry {
         let StepMotion { dt, moved, reach } = *motion;
         let mesh = state.pose * Pose::from_translation(-self.center_of_mass);
         let Self { probe, objects, points, margin, friction, .. } = self;
+        let frames = frames_of(probe, objects, &mesh);
         for (index, guarded) in points.iter_mut().enumerate() {
-            let Some(object) = objects.get(usize::from(guarded.object)) else { continue };
+            let at = usize::from(guarded.object);
+            let (Some(object), Some(frames)) = (objects.get(at), frames.get(at)) else { continue };
             guarded.slack -= (moved + object.speed * dt) as f32;
             if f64::from(guarded.slack) > reach {
                 found.room = found.room.min(f64::from(guarded.slack));
                 continue;
             }
-            let measured = guarded.measure((probe, &mesh), (&object.surface, &object.pose));
+            let measured = guarded.measure(frames);
             let gap = measured.distance - *margin;
             guarded.slack = gap as f32;
             if gap > reach {
@@ -127,6 +129,11 @@ impl ContactGeometry {
             found.push(contact, index as u16);
         }
         found.take_over(before, friction);
+    }
+
+    /// The surfaces at their poses, by scene object, with the mesh of the body in the hand at a pose.
+    pub fn frames(&self, mesh: &Pose) -> ArrayVec<Frames<'_>, MAX_OBJECTS> {
+        frames_of(&self.probe, &self.objects, mesh)
     }
 
     /// Takes into account that the bodies have moved since the query: the one in the hand by `moved` (m), and
@@ -154,6 +161,15 @@ impl ContactGeometry {
             self.bound.room -= object.speed * dt;
         }
     }
+}
+
+/// The surfaces of a probe and of objects at their poses.
+fn frames_of<'a>(
+    probe: &'a FeatureMesh,
+    objects: &'a [NearObject],
+    mesh: &Pose,
+) -> ArrayVec<Frames<'a>, MAX_OBJECTS> {
+    objects.iter().map(|object| Frames::new((probe, mesh), (&object.surface, &object.pose))).collect()
 }
 
 impl StepContacts {

@@ -8,6 +8,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use arrayvec::ArrayVec;
 use palpate_collide::{ObjectHandle, QuerySettings};
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
@@ -17,8 +18,8 @@ use palpate_field::{FeatureMesh, FieldQuery, SurfacePoint};
 use super::ContactLoop;
 use super::assemble::counterpart;
 use super::by_fields::in_steps;
-use super::geometry::{ContactGeometry, MAX_POINTS, NearObject};
-use super::guarded_point::GuardedPoint;
+use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, NearObject};
+use super::guarded_point::{Frames, GuardedPoint};
 use super::proxy::{LevelFinder, QueryReport};
 use crate::scene::field::new_fine_query;
 use crate::settings::Response;
@@ -153,11 +154,11 @@ impl Guard {
     /// Makes the points of the chosen starts within a reach (m), the nearest first.
     fn make(&mut self, geometry: &ContactGeometry, mesh: &Pose, reach: f64, edge: f64) {
         self.points.clear();
+        let frames: ArrayVec<Frames<'_>, MAX_OBJECTS> = geometry.frames(mesh);
         for &index in self.cells.values() {
             let Start { home, is_probe, object, .. } = self.starts[index];
-            let NearObject { surface, pose, .. } = &geometry.objects[usize::from(object)];
-            let (probe, scene) = ((&*geometry.probe, mesh), (&**surface, pose));
-            let point = GuardedPoint::new((home, edge), is_probe, object, probe, scene);
+            let Some(frames) = frames.get(usize::from(object)) else { continue };
+            let point = GuardedPoint::new((home, edge), is_probe, object, frames);
             if f64::from(point.slack) < reach {
                 self.points.push(point);
             }
@@ -274,7 +275,7 @@ impl ContactLoop {
         };
         report.refused |= invalid > 0;
         let mut room = enough;
-        let handles: arrayvec::ArrayVec<ObjectHandle, 64> = self.scene.near().take(64).collect();
+        let handles: ArrayVec<ObjectHandle, 64> = self.scene.near().take(64).collect();
         for handle in handles {
             let Some(object) = self.near_object(handle) else { continue };
             let Ok(fields) = &self.by_fields else { continue };

@@ -1,7 +1,7 @@
 //! A point of one surface that must not pass the other.
 
 use palpate_core::Pose;
-use palpate_core::glam::DVec3;
+use palpate_core::glam::{DAffine3, DVec3};
 use palpate_field::{ClosestPoint, FeatureMesh, Leash, Place};
 
 /// Largest number of moves that a point tries in a measurement. With more, a step takes longer; with fewer,
@@ -10,6 +10,10 @@ const MAX_MOVES: u32 = 3;
 
 /// The same for a point that is new.
 const MAX_FIRST_MOVES: u32 = 32;
+
+/// Number of measurements for which a point that is at its lowest place stays. With more, points follow fast
+/// motion late.
+const RESTING_STEPS: u8 = 3;
 
 /// Smallest fraction of the way along an edge that a point tries.
 const MIN_STRIDE: f32 = 1.0 / 64.0;
@@ -36,6 +40,8 @@ pub(crate) struct GuardedPoint {
     is_probe: bool,
     /// Fraction of the way along an edge that it tries next.
     stride: f32,
+    /// Number of measurements until it tries to move again.
+    rest: u8,
     /// Distance that the bodies may move before it has to be measured again, m.
     pub slack: f32,
 }
@@ -51,61 +57,86 @@ pub(crate) struct Measured {
     pub distance: f64,
 }
 
+/// The surfaces of the body in the hand and of a scene object, at their poses.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frames<'a> {
+    probe: (&'a FeatureMesh, DAffine3),
+    object: (&'a FeatureMesh, DAffine3),
+    to_object: DAffine3,
+    to_probe: DAffine3,
+}
+
+impl<'a> Frames<'a> {
+    /// Two surfaces with the poses of their meshes' frames.
+    pub fn new(probe: (&'a FeatureMesh, &Pose), object: (&'a FeatureMesh, &Pose)) -> Self {
+        let affine = |pose: &Pose| DAffine3::from_rotation_translation(pose.rotation, pose.translation);
+        let to_object = object.1.inverse() * *probe.1;
+        Self {
+            probe: (probe.0, affine(probe.1)),
+            object: (object.0, affine(object.1)),
+            to_object: affine(&to_object),
+            to_probe: affine(&to_object.inverse()),
+        }
+    }
+}
+
 impl GuardedPoint {
-    /// The place on the vertices and edges of a surface nearest to `home` (m, its mesh's frame), with the
-    /// bodies' meshes at poses. It stays within `length` (m) of there.
-    pub fn new(
-        (home, length): (DVec3, f64),
-        is_probe: bool,
-        index: u8,
-        probe: (&FeatureMesh, &Pose),
-        object: (&FeatureMesh, &Pose),
-    ) -> Self {
-        let (own, other) = if is_probe { (probe, object) } else { (object, probe) };
-        let place = own.0.place_near(home);
-        let to_other = other.1.inverse() * *own.1;
-        let face = other.0.nearest(to_other.transform_point(own.0.position(&place))).face;
+    /// The place on the vertices and edges of a surface nearest to `home` (m, its mesh's frame). It stays
+    /// within `length` (m) of there.
+    pub fn new((home, length): (DVec3, f64), is_probe: bool, index: u8, frames: &Frames<'_>) -> Self {
+        let (own, other, to_other) = if is_probe {
+            (frames.probe.0, frames.object.0, &frames.to_object)
+        } else {
+            (frames.object.0, frames.probe.0, &frames.to_probe)
+        };
+        let place = own.place_near(home);
+        let face = other.nearest(to_other.transform_point3(own.position(&place))).face;
         let leash = Leash { home: home.as_vec3(), length: length as f32 };
-        let mut point = Self { place, leash, face, object: index, is_probe, stride: 1.0, slack: 0.0 };
-        point.slack = point.descend(own, other, MAX_FIRST_MOVES).1.distance as f32;
+        let mut point =
+            Self { place, leash, face, object: index, is_probe, stride: 1.0, rest: 0, slack: 0.0 };
+        point.slack = point.descend(frames, MAX_FIRST_MOVES).1.distance as f32;
         point
     }
 
     /// Moves the point to where its surface is nearest to the other one, and measures it.
-    pub fn measure(&mut self, probe: (&FeatureMesh, &Pose), object: (&FeatureMesh, &Pose)) -> Measured {
-        let (own, other) = if self.is_probe { (probe, object) } else { (object, probe) };
-        let (position, closest) = self.descend(own, other, MAX_MOVES);
-        let outward = other.1.transform_vector(closest.normal);
+    pub fn measure(&mut self, frames: &Frames<'_>) -> Measured {
+        let (position, closest) = self.descend(frames, MAX_MOVES);
         if self.is_probe {
-            let point = own.1.transform_point(position);
+            let outward = frames.object.1.transform_vector3(closest.normal);
+            let point = frames.probe.1.transform_point3(position);
             Measured { point, normal: -outward, distance: closest.distance }
         } else {
-            let point = other.1.transform_point(closest.point);
+            let outward = frames.probe.1.transform_vector3(closest.normal);
+            let point = frames.probe.1.transform_point3(closest.point);
             Measured { point, normal: outward, distance: closest.distance }
         }
     }
 
     /// Moves the point down, in at most so many moves. Returns its position in its own body's frame (m), and
     /// the point of the other surface nearest to it, in that body's frame.
-    fn descend(
-        &mut self,
-        (own, own_pose): (&FeatureMesh, &Pose),
-        (other, other_pose): (&FeatureMesh, &Pose),
-        moves: u32,
-    ) -> (DVec3, ClosestPoint) {
-        let to_other = other_pose.inverse() * *own_pose;
-        let to_own = to_other.rotation.conjugate();
+    fn descend(&mut self, frames: &Frames<'_>, moves: u32) -> (DVec3, ClosestPoint) {
+        let Frames { probe, object, to_object, to_probe } = frames;
+        let (own, other, to_other, to_own) = if self.is_probe {
+            (probe.0, object.0, to_object, to_probe)
+        } else {
+            (object.0, probe.0, to_probe, to_object)
+        };
         let mut position = own.position(&self.place);
-        let mut closest = other.walk(to_other.transform_point(position), self.face);
+        let mut closest = other.walk(to_other.transform_point3(position), self.face);
+        // A point that was lowest a few steps ago still nearly is.
+        let moves = if self.rest > 0 { 0 } else { moves };
+        self.rest = self.rest.saturating_sub(1);
         for _ in 0..moves {
-            let normal = to_own * closest.normal;
+            let normal = to_own.transform_vector3(closest.normal);
             let Some(place) = own.descend(&self.place, normal, self.stride.into(), &self.leash) else {
+                self.rest = RESTING_STEPS;
                 break;
             };
             let next = own.position(&place);
-            let found = other.walk(to_other.transform_point(next), closest.face);
+            let found = other.walk(to_other.transform_point3(next), closest.face);
             if found.distance > closest.distance - MIN_DESCENT {
                 if self.stride <= MIN_STRIDE {
+                    self.rest = RESTING_STEPS;
                     break;
                 }
                 self.stride = (SHORTER * self.stride).max(MIN_STRIDE);
