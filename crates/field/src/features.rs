@@ -28,6 +28,10 @@ const MIN_SLOPE: f64 = 1e-3;
 /// along.
 const MIN_STEP: f64 = 1e-3;
 
+/// Distance below which the direction from a point of an edge or vertex is rounding, m. With less, contacts
+/// at touching edges push sideways.
+const MIN_DIRECTED: f64 = 1e-9;
+
 /// A mesh whose features are linked to their neighbours.
 #[derive(Clone, Debug)]
 pub struct FeatureMesh {
@@ -241,6 +245,7 @@ impl FeatureMesh {
         // Over a face the direction is the face's normal, at any distance.
         let normal = match feature {
             Feature::Face => outward,
+            _ if distance < MIN_DIRECTED => outward,
             _ => ((p - point) * sign).try_normalize().unwrap_or(outward),
         };
         ClosestPoint { point, distance: sign * distance, normal, face }
@@ -377,3 +382,6 @@ impl FeatureMesh {
         at.clamp((middle - reach).clamp(0.0, 1.0), (middle + reach).clamp(0.0, 1.0))
     }
 }
+
+#[cfg(test)]
+mod tests;
