@@ -75,7 +75,7 @@ fn walks_end_at_the_nearest_point() {
             assert!(!convex || wanted.distance < 0.0, "{model:?}, round {round}: {found:?}, {wanted:?}");
         }
         assert!((300..1200).contains(&inside), "{model:?}: {inside} inside");
-        assert!(other * 20 < rounds, "{model:?}: {other} of {rounds} walks end elsewhere");
+        assert!(other * 300 < rounds, "{model:?}: {other} of {rounds} walks end elsewhere");
     }
 }
 
@@ -122,6 +122,13 @@ fn distances_from_faces_edges_and_vertices_of_a_box() {
         let found = features.nearest(p);
         assert!((found.distance - distance).abs() < 1e-12, "{p}: {found:?}");
         assert!(found.normal.distance(normal) < 1e-12, "{p}: {found:?}, not {normal}");
+    }
+    // Inside, near an edge, the nearer face is found from each that meets there.
+    for face in 0..12 {
+        if features.corners(face).iter().any(|corner| corner.y < 0.0 && corner.z > 0.0) {
+            let found = features.walk(DVec3::new(0.3, -0.9, 0.99), face);
+            assert!((found.distance + 0.01).abs() < 1e-12, "from {face}: {found:?}");
+        }
     }
     // On both sides of an edge, the sign does not depend on the face at which a walk starts.
     for face in 0..12 {
