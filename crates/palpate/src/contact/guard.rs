@@ -2,8 +2,8 @@
 //! guard, and how far the body may move before it could touch another one.
 //!
 //! Points start at the nearest of the fields' samples in each small cell of the region of contact, or of the
-//! contacts of patches at full resolution where there are no fields. Each descends to a local minimum of the
-//! distance between the surfaces.
+//! contacts, corners and crossing edges of patches at full resolution where there are no fields. Each
+//! descends to a local minimum of the distance between the surfaces.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -19,6 +19,7 @@ use super::assemble::counterpart;
 use super::by_fields::in_steps;
 use super::geometry::{ContactGeometry, NearObject};
 use super::guarded_point::GuardedPoint;
+use super::patch_starts::PatchStarts;
 use super::proxy::{LevelFinder, QueryReport};
 use crate::scene::field::new_fine_query;
 use crate::settings::Response;
@@ -35,9 +36,14 @@ const NEAR: f64 = 0.25;
 /// overlap, and directions between them are lost.
 const MARGIN: f64 = 7e-5;
 
-/// Smallest distance within which points are guarded, in tolerances d. With less, a body at rest is held where
-/// it is when it starts to move.
+/// Smallest distance within which points are guarded, in tolerances d. With less, a body at rest is held
+/// where it is when it starts to move.
 const MIN_REACH: f64 = 2.0;
+
+/// Largest distance of a point from where it starts, in edges of cells and at least the reach, where edges
+/// cross. With less, edges that slide over each other lose it; with more, crossings that are apart become
+/// one.
+const CROSSING_LEASH: f64 = 4.0;
 
 /// Points that there is room for from the start.
 const RESERVED: usize = 2048;
@@ -48,6 +54,8 @@ struct Start {
     /// Position in the mesh's frame of its own body, m.
     home: DVec3,
     is_probe: bool,
+    /// Largest distance from there, m.
+    leash: f64,
     /// Distance from the other surface, approximately, m.
     distance: f64,
     /// Index of the scene object among those near.
@@ -60,6 +68,7 @@ pub(super) struct Guard {
     /// Queries in the fields of the scene objects, by their places.
     queries: Vec<Option<FieldQuery>>,
     starts: Starts,
+    patches: PatchStarts,
     points: Vec<GuardedPoint>,
 }
 
@@ -76,14 +85,15 @@ impl Starts {
         self.cells.clear();
     }
 
-    /// Adds a start, in place of a further one in its cell; cells have an edge (m) where surfaces are near each
-    /// other, and are larger further away.
+    /// Adds a start, in place of a further one in its cell; cells have an edge (m) where surfaces are near
+    /// each other, and are larger further away.
     fn push(&mut self, start: Start, at: DVec3, direction: DVec3, edge: f64) {
         let size = (start.distance / (NEAR * edge)).max(1.0).log2() as i32;
         let [x, y, z] = (at / (edge * f64::from(1 << size.min(8)))).floor().to_array().map(|at| at as i32);
         let axis = direction.abs().max_position();
         let side = 2 * axis as i32 + i32::from(direction[axis] < 0.0);
-        let key = [x, y, z, side + 6 * size, 2 * i32::from(start.object) + i32::from(start.is_probe)];
+        let kind = 2 * i32::from(start.is_probe) + i32::from(start.leash > edge);
+        let key = [x, y, z, side + 6 * size, 4 * i32::from(start.object) + kind];
         let known = *self.cells.entry(key).or_insert(self.all.len());
         match self.all.get_mut(known) {
             Some(known) if known.distance <= start.distance => {}
@@ -99,18 +109,19 @@ impl Guard {
         Self {
             queries: Vec::new(),
             starts: Starts { all: Vec::with_capacity(RESERVED), cells },
+            patches: PatchStarts::default(),
             points: Vec::with_capacity(RESERVED),
         }
     }
 
     /// Makes the points of the starts, the nearest first. Returns the distance of the nearest that there was
     /// no room for, m.
-    fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, reach: f64, length: f64) -> f64 {
+    fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, reach: f64) -> f64 {
         self.points.clear();
-        for &Start { home, is_probe, object, .. } in &self.starts.all {
+        for &Start { home, is_probe, leash, object, .. } in &self.starts.all {
             let NearObject { surface, pose, .. } = &geometry.objects[usize::from(object)];
             let (probe, scene) = ((&*geometry.probe, mesh), (&**surface, pose));
-            self.points.push(GuardedPoint::new((home, length), is_probe, object, probe, scene));
+            self.points.push(GuardedPoint::new((home, leash), is_probe, object, probe, scene));
         }
         self.points.sort_unstable_by(|a, b| {
             let keys = a.place_key().cmp(&b.place_key());
@@ -173,7 +184,7 @@ impl ContactLoop {
         } else {
             self.start_at_patches(&mut guard, &mut geometry, (&mesh, edge), reach, &mut report)
         };
-        let left_out = guard.fill(&mut geometry, &mesh, reach, edge);
+        let left_out = guard.fill(&mut geometry, &mesh, reach);
         geometry.bound.room = if report.refused { 0.0 } else { room.min(left_out) };
         self.guard = guard;
         let events = &mut self.telemetry.events;
@@ -198,8 +209,8 @@ impl ContactLoop {
         Some(NearObject { surface, pose, motion, speed })
     }
 
-    /// Starts points at the nearest samples in fields within the first of two reaches (m). Returns how far the
-    /// body may move before it could touch something else, up to the second, m.
+    /// Starts points at the nearest samples in fields within the first of two reaches (m). Returns how far
+    /// the body may move before it could touch something else, up to the second, m.
     fn start_in_fields(
         &mut self,
         guard: &mut Guard,
@@ -237,7 +248,7 @@ impl ContactLoop {
             let index = geometry.objects.len() as u8;
             query.surface_points(first, second, |sample| {
                 let &SurfacePoint { point, is_probe, distance, on_probe, normal } = sample;
-                let start = Start { home: point.as_dvec3(), is_probe, distance, object: index };
+                let start = Start { home: point.as_dvec3(), is_probe, leash: edge, distance, object: index };
                 starts.push(start, on_probe.as_dvec3(), normal.as_dvec3(), edge);
             });
             geometry.objects.push(object);
@@ -245,7 +256,7 @@ impl ContactLoop {
         room
     }
 
-    /// Starts points at the contacts of patches within a reach (m). Returns how far the body may move before
+    /// Starts points where patches within a reach (m) may touch. Returns how far the body may move before
     /// it could touch something else, m.
     fn start_at_patches(
         &mut self,
@@ -268,15 +279,27 @@ impl ContactLoop {
             }
             let index = geometry.objects.len() as u8;
             let to_object = object.pose.inverse();
+            let Some(scene) = self.objects.get(found.object.place()).and_then(Option::as_ref) else {
+                continue;
+            };
+            let Guard { starts, patches, .. } = &mut *guard;
             for patch in found.contacts {
                 let contact = patch.contact;
-                let on_probe = to_probe.transform_point(contact.point);
-                let direction = to_probe.transform_vector(contact.normal);
-                let on_scene = to_object.transform_point(contact.scene_point);
-                for (home, is_probe) in [(on_probe, true), (on_scene, false)] {
-                    let start = Start { home, is_probe, distance: -contact.depth, object: index };
-                    guard.starts.push(start, on_probe, direction, edge);
-                }
+                let mut start = |at: DVec3, is_probe: bool, distance: f64, along: Option<DVec3>| {
+                    let on_probe = to_probe.transform_point(at);
+                    let home = if is_probe { on_probe } else { to_object.transform_point(at) };
+                    let crossing = (CROSSING_LEASH * edge).max(reach);
+                    let leash = if along.is_some() { crossing } else { edge };
+                    let start = Start { home, is_probe, leash, distance, object: index };
+                    // A corner of several patches is one start.
+                    let direction = along.map_or(DVec3::Z, |along| to_probe.transform_vector(along));
+                    starts.push(start, on_probe, direction, edge);
+                };
+                start(contact.point, true, -contact.depth, None);
+                start(contact.scene_point, false, -contact.depth, None);
+                let probe = (&*self.probe.clod, patch.probe_node, mesh);
+                let scene = (&*scene.object.clod, patch.scene_node, &object.pose);
+                patches.find(probe, scene, &contact, reach, start);
             }
             geometry.objects.push(object);
         }
