@@ -226,6 +226,40 @@ mod tests {
     }
 
     #[test]
+    fn inverse_has_a_small_residual() {
+        let seed = 14;
+        let mut rng = StdRng::seed_from_u64(seed);
+        for case in 0..2000 {
+            let matrix = random_matrix::<6>(&mut rng);
+            let found = inverse(matrix).expect("a random matrix is regular");
+            let size = found.iter().flatten().fold(1.0, |m: f64, v| m.max(v.abs()));
+            let columns: [[f64; 6]; 6] = std::array::from_fn(|j| found.map(|row| row[j]));
+            for (j, column) in columns.iter().enumerate() {
+                for (i, entry) in product(&matrix, column).into_iter().enumerate() {
+                    let off = (entry - f64::from(u8::from(i == j))).abs();
+                    assert!(off < 1e-13 * size, "seed {seed}, case {case}: {off}, entries up to {size}");
+                }
+            }
+        }
+        assert_eq!(inverse([[0.0, 2.0], [4.0, 0.0]]), Some([[0.0, 0.25], [0.5, 0.0]]));
+    }
+
+    #[test]
+    fn matrices_without_an_inverse_are_refused() {
+        assert_eq!(inverse([[1.0, 2.0], [2.0, 4.0]]), None);
+        assert_eq!(inverse([[0.0; 3]; 3]), None);
+        for bad in [f64::NAN, f64::INFINITY] {
+            for place in 0..4 {
+                let mut matrix = [[2.0, 1.0], [1.0, 2.0]];
+                matrix[place / 2][place % 2] = bad;
+                assert_eq!(inverse(matrix), None, "{bad} at {place}");
+            }
+        }
+        assert_eq!(inverse([[1e-310, 0.0], [0.0, 1.0]]), None, "the inverse is not finite");
+        assert!(inverse([[2.0, 1.0], [1.0, 2.0]]).is_some());
+    }
+
+    #[test]
     fn minors_of_matrices_that_are_not_symmetric() {
         // Minors 1, 2; 1, −5; 0.
         assert!(has_positive_minors([[1.0, 5.0], [-1.0, -3.0]]));

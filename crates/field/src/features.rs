@@ -24,9 +24,13 @@ const MAX_WALK: usize = 32;
 /// between parallel faces.
 const MIN_SLOPE: f64 = 1e-3;
 
-/// Smallest move along an edge, as a fraction of it. With less, a place never leaves an edge that it moves
-/// along.
-const MIN_STEP: f64 = 1e-3;
+/// Smallest move along an edge, as a fraction of it. With more, the place where edges cross is found too
+/// coarsely; with less, single precision is too coarse.
+const MIN_STEP: f64 = 1e-6;
+
+/// Distance below which the direction from a point of an edge or vertex is rounding, m. With less, contacts
+/// at touching edges push sideways.
+const MIN_DIRECTED: f64 = 1e-9;
 
 /// A mesh whose features are linked to their neighbours.
 #[derive(Clone, Debug)]
@@ -206,13 +210,18 @@ impl FeatureMesh {
         let mut current = face;
         let (mut point, mut feature, mut squared) = at(face);
         for _ in 0..MAX_WALK {
-            let candidates: &[u32] = match feature {
+            let Face { corners, neighbours, normal, .. } = &self.faces[current as usize];
+            let candidates: [&[u32]; 3] = match feature {
+                // From inside, a face next to it may be nearer without an edge between being so.
+                Feature::Face if normal.dot(p - point) < 0.0 => {
+                    corners.map(|corner| self.faces_around.of(corner))
+                }
                 Feature::Face => break,
-                Feature::Edge(edge) => &self.faces[current as usize].neighbours[edge..=edge],
-                Feature::Vertex(vertex) => self.faces_around.of(self.faces[current as usize].corners[vertex]),
+                Feature::Edge(edge) => [&neighbours[edge..=edge], &[], &[]],
+                Feature::Vertex(vertex) => [self.faces_around.of(corners[vertex]), &[], &[]],
             };
             let before = squared;
-            for &candidate in candidates.iter().filter(|face| **face != NONE) {
+            for &candidate in candidates.into_iter().flatten().filter(|face| **face != NONE) {
                 let found = at(candidate);
                 if found.2 < squared {
                     (point, feature, squared) = found;
@@ -241,6 +250,7 @@ impl FeatureMesh {
         // Over a face the direction is the face's normal, at any distance.
         let normal = match feature {
             Feature::Face => outward,
+            _ if distance < MIN_DIRECTED => outward,
             _ => ((p - point) * sign).try_normalize().unwrap_or(outward),
         };
         ClosestPoint { point, distance: sign * distance, normal, face }
@@ -377,3 +387,6 @@ impl FeatureMesh {
         at.clamp((middle - reach).clamp(0.0, 1.0), (middle + reach).clamp(0.0, 1.0))
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -25,7 +25,8 @@ pub struct SurfacePoint {
 }
 
 impl FieldQuery {
-    /// Passes on the samples of the last query that are within its tolerance, with these bodies at these poses.
+    /// Passes on the samples of the last query that are within its tolerance, with these bodies at these
+    /// poses.
     pub fn surface_points(
         &self,
         (probe, probe_pose): (&FieldBody, &Pose),
@@ -69,8 +70,9 @@ impl FieldBody {
         })
     }
 
-    /// A lower bound on the distance between this body and another at a relative pose (m), from spheres around
-    /// parts of this one's surface. Bounds above `enough` (m) are not refined; 0 if the surfaces may touch.
+    /// A lower bound on the distance between this body and another at a relative pose (m), from spheres
+    /// around parts of this one's surface. Bounds above `enough` (m) are not refined; 0 if the surfaces
+    /// may touch.
     pub fn clearance(&self, other: &Self, to_other: &Pose, enough: f64) -> f64 {
         // The surface between two of the finest samples is less than their spacing from one of them.
         let gap = (f64::from(self.samples.area)).sqrt() * MAX_GAP;
@@ -112,3 +114,6 @@ const MAX_GAP: f64 = 1.5;
 /// Number of readings of four spheres after which a clearance is not refined further. With more, it costs as
 /// much as a query of contacts.
 const MAX_READ: usize = 2048;
+
+#[cfg(test)]
+mod tests;

@@ -14,18 +14,21 @@
 //!
 //! # Overlap
 //!
-//! A contact that is found with an overlap (g < 0) asks for an outward velocity of at most
-//! [`ConstrainedStep::recovery`], however deep it is. Pushing it out by its depth in one step, or by a spring,
-//! would give the body energy that the hand did not put in.
+//! A contact that is found with an overlap (g < 0) asks for an outward velocity of at most the recovery
+//! velocity, however deep it is. Pushing it out by its depth in one step, or by a
+//! spring, would give the body energy that the hand did not put in.
 //!
 //! # Bound on motion
 //!
-//! Surfaces that are in no contact are known to be at least [`MotionBound::room`] away from where the body was
-//! when contacts were found. No point of the body moves further than that from there: a step that would is
-//! shortened, and the velocity with it, which only takes energy out. The body then waits for newer contacts.
+//! Surfaces that are in no contact are known to be at least [`MotionBound::room`] away from where the body
+//! was when contacts were found. No point of the body moves further than that from there: a step that would
+//! is shortened, and the velocity with it, which only takes energy out. The body then waits for newer
+//! contacts.
 
 mod solver;
 mod step;
+#[cfg(test)]
+mod tests;
 
 use glam::DVec3;
 use palpate_core::Pose;

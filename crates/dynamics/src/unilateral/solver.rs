@@ -21,8 +21,8 @@ const MAX_CHANGES: u32 = 3 * MAX_UNILATERAL as u32;
 /// Velocities below this are rounding, m/s.
 const MIN_VELOCITY: f64 = 1e-9;
 
-/// Largest change of a contact velocity in a round of friction, relative to the largest free one, at which the
-/// rounds end. With more, contacts creep; with less, steps take longer.
+/// Largest change of a contact velocity in a round of friction, relative to the largest free one, at which
+/// the rounds end. With more, contacts creep; with less, steps take longer.
 const ROUND_TOLERANCE: f64 = 1e-4;
 
 /// Compliance of a contact relative to the body's own mobility along it. Without it the impulses of redundant
@@ -100,7 +100,8 @@ impl<'a> Solver<'a> {
         let rubs = self.rows.iter().any(|row| row.friction > 0.0);
         let mut round = 0;
         while rubs && converged {
-            let change = (0..PASSES).fold(0.0, |_, _| self.rub());
+            // The first pass sees what the new normal impulses change.
+            let change = (0..PASSES).map(|_| self.rub()).fold(0.0, f64::max);
             for Row { impulse, response, .. } in &self.rows {
                 add(&mut self.velocity, impulse[0], &response[0]);
             }
@@ -119,8 +120,8 @@ impl<'a> Solver<'a> {
 
     /// Finds the normal impulses for given friction, and updates the velocity. The impulses p ≥ 0 minimise
     /// ½ pᵀ (W + c) p − qᵀ p with W = J A⁻¹ Jᵀ and the approach q = J v − limit without them (Lawson and
-    /// Hanson 1974, *Solving Least Squares Problems*, ch. 23). Approaches below `tolerance` (m/s) are allowed.
-    /// Returns whether the search ended.
+    /// Hanson 1974, *Solving Least Squares Problems*, ch. 23). Approaches below `tolerance` (m/s) are
+    /// allowed. Returns whether the search ended.
     fn push(&mut self, tolerance: f64) -> bool {
         // `velocity` holds no normal impulses while `without` is solved for.
         let without = self.velocity;
@@ -194,8 +195,8 @@ impl<'a> Solver<'a> {
             let mut right = dot(&row.jacobian[0], without) - row.approach;
             for (j, &other) in active[..=i].iter().enumerate() {
                 let mut entry = dot(&row.jacobian[0], &self.rows[other].response[0]);
-                for k in 0..j {
-                    entry -= lower[i][k] * lower[j][k];
+                for (left, right) in lower[i][..j].iter().zip(&lower[j][..j]) {
+                    entry -= left * right;
                 }
                 if i == j {
                     lower[i][i] = (entry + row.compliance).max(row.compliance).sqrt();

@@ -1,6 +1,7 @@
 //! One haptic frame with unilateral contacts.
 
 use arrayvec::ArrayVec;
+use glam::DVec3;
 use palpate_core::{Twist, Wrench};
 
 use super::solver::Solver;
@@ -54,6 +55,7 @@ pub fn constrained_step(
     let Some(mobility) = inverse(system.assemble(active).matrix) else {
         return ended(Step::failed(state, StepFailure::Singular));
     };
+    let mobility = symmetric(&mobility);
     let free = Twist::new(state.twist.linear + change.linear, state.twist.angular + change.angular);
     let recovery = (RECOVERY_FORCE / frame.coupling.linear_damping).min(MAX_RECOVERY);
     let mut solver = Solver::new(contacts, &free, &mobility, dt, recovery);
@@ -63,10 +65,20 @@ pub fn constrained_step(
     let (twist, held_back) = within(bound, state, &twist, dt);
     let next = BodyState { pose: state.pose.moved(&twist, dt), twist };
     let mut step = frame.ended(state, &next, active, status);
-    if step.status.failure.is_none() {
-        step.contact += wrench(contacts, dt);
+    step.contact += wrench(contacts, dt);
+    if step.status.failure.is_some() || !step.contact.is_finite() {
+        // Impulses that are not finite would make the next step fail too.
+        contacts.iter_mut().for_each(|contact| contact.impulse = DVec3::ZERO);
+        return ended(Step::failed(state, StepFailure::Overflow));
     }
     ConstrainedStep { step, held_back }
+}
+
+/// The symmetric part of a matrix. The inverse of a step's matrix is symmetric but for geometric stiffness;
+/// the search for impulses needs a form that is symmetric and positive definite, and overlaps contacts
+/// otherwise.
+fn symmetric(matrix: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
+    std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (matrix[i][j] + matrix[j][i])))
 }
 
 /// Wrench of the contacts on the body, about its centre of mass.

@@ -5,7 +5,8 @@ use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose};
 use palpate_dynamics::{
     Body, BodyState, ContactParameters, DeviceMotion, Frame, Friction, Integrator, IntegratorKind,
-    LinearContactModel, VirtualCoupling, saturate,
+    LinearContactModel, MAX_UNILATERAL, MotionBound, UnilateralContact, VirtualCoupling, constrained_step,
+    saturate,
 };
 
 #[test]
@@ -65,4 +66,54 @@ fn steps_allocate_nothing(kind: IntegratorKind) {
         "{kind}: contact in {pushes} steps: the case does not open and close"
     );
     assert!(felt.is_finite());
+}
+
+/// Steps of a body that is pressed on a floor and dragged along it, with every contact that a step takes.
+#[test]
+fn steps_with_unilateral_contacts_allocate_nothing() {
+    let body = Body::new(0.05, DMat3::from_diagonal(DVec3::new(1e-5, 2e-5, 2.5e-5))).unwrap();
+    let coupling = VirtualCoupling::critically_damped(&body, Pose::IDENTITY, 400.0, 0.6);
+    let model = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
+    let mut state = BodyState::at_rest(Pose::from_translation(DVec3::Z * 0.01));
+    let corner = |i: usize| DQuat::from_rotation_z(i as f64 * 0.2) * DVec3::new(0.02, 0.0, -0.01);
+    let contact = |i: usize| UnilateralContact {
+        arm: corner(i),
+        normal: DVec3::NEG_Z,
+        gap: 0.0,
+        velocity: DVec3::ZERO,
+        friction: 0.3,
+        impulse: DVec3::ZERO,
+    };
+    let mut contacts: [UnilateralContact; MAX_UNILATERAL] = std::array::from_fn(contact);
+    let (mut pushes, mut held_back) = (0, 0);
+    let made = measure(|| {
+        for i in 0..20_000 {
+            let t = f64::from(i) * 1e-3;
+            for (i, contact) in contacts.iter_mut().enumerate() {
+                contact.arm = state.pose.transform_vector(corner(i));
+                contact.gap = (state.pose.translation + contact.arm).z;
+            }
+            let device = DeviceMotion::at_rest(Pose::from_translation(DVec3::new(
+                0.02 * t.cos(),
+                0.0,
+                0.01 + 0.005 * (3.0 * t).sin(),
+            )));
+            let frame = Frame {
+                body: &body,
+                device: &device,
+                coupling: &coupling,
+                contacts: &model,
+                gravity: DVec3::ZERO,
+            };
+            let bound = MotionBound { from: state.pose, room: 1e-3, step: 3e-5, radius: 0.03 };
+            let found = constrained_step(&frame, &state, &mut contacts, &bound, 1e-3);
+            state = found.step.state;
+            pushes += u32::from(contacts.iter().any(|contact| contact.impulse.z < 0.0));
+            held_back += u32::from(found.held_back);
+        }
+    })
+    .count_total;
+    assert_eq!(made, 0, "{made} allocations");
+    assert!((5_000..15_000).contains(&pushes), "contact in {pushes} steps: the case does not open and close");
+    assert!(held_back > 100, "{held_back} steps held back");
 }

@@ -2,8 +2,8 @@
 //! guard, and how far the body may move before it could touch another one.
 //!
 //! Points start at the nearest of the fields' samples in each small cell of the region of contact, or of the
-//! contacts of patches at full resolution where there are no fields. Each descends to a local minimum of the
-//! distance between the surfaces.
+//! contacts, corners and crossing edges of patches at full resolution where there are no fields. Each
+//! descends to a local minimum of the distance between the surfaces.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -20,6 +20,7 @@ use super::assemble::counterpart;
 use super::by_fields::in_steps;
 use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, NearObject};
 use super::guarded_point::{Frames, GuardedPoint};
+use super::patch_starts::PatchStarts;
 use super::proxy::{LevelFinder, QueryReport};
 use crate::scene::field::new_fine_query;
 use crate::settings::Response;
@@ -36,12 +37,11 @@ const NEAR: f64 = 0.25;
 /// overlap, and directions between them are lost.
 const MARGIN: f64 = 7e-5;
 
-/// Smallest distance within which points are guarded, in tolerances d. With less, a body at rest is held where
-/// it is when it starts to move.
+/// Smallest distance within which points are guarded, in tolerances d. With less, a body at rest is held
+/// where it is when it starts to move.
 const MIN_REACH: f64 = 2.0;
 
-/// Time of motion within which a step may meet a point, s: two haptic periods. With more, cells are larger than
-/// they need to be.
+/// Time of motion within which a step may meet a point, s. With more, cells are larger than they need to be.
 const NEAR_TIME: f64 = 3e-3;
 
 /// The same for a body at rest, in tolerances d.
@@ -58,6 +58,11 @@ const MAX_DOUBLINGS: u32 = 8;
 /// longer.
 const MAX_CELLS: usize = 2 * MAX_POINTS;
 
+/// Largest distance of a point from where it starts, in edges of cells and at least the reach, where edges
+/// cross. With less, edges that slide over each other lose it; with more, crossings that are apart become
+/// one.
+const CROSSING_LEASH: f64 = 4.0;
+
 /// Points that there is room for from the start.
 const RESERVED: usize = 2048;
 
@@ -67,14 +72,17 @@ struct Start {
     /// Position in the mesh's frame of its own body, m.
     home: DVec3,
     is_probe: bool,
+    /// Largest distance from there, m.
+    leash: f64,
     /// Distance from the other surface, approximately, m.
     distance: f64,
     /// Index of the scene object among those near.
     object: u8,
     /// Place on the body in the hand, in its axes, m.
     at: DVec3,
-    /// Normal out of the body in the hand, in its axes.
-    normal: DVec3,
+    /// Direction by which starts nearby are told apart, in the axes of the body in the hand: the normal out of
+    /// it, or the edge.
+    direction: DVec3,
 }
 
 /// The workspace.
@@ -85,6 +93,7 @@ pub(super) struct Guard {
     starts: Vec<Start>,
     /// Indices of the nearest start of each cell.
     cells: HashMap<[i32; 5], usize>,
+    patches: PatchStarts,
     points: Vec<GuardedPoint>,
 }
 
@@ -104,9 +113,10 @@ impl Start {
     fn cell(&self, edge: f64) -> [i32; 5] {
         let size = ((self.distance / (NEAR * edge)).max(1.0).log2() as i32).min(8);
         let [x, y, z] = (self.at / (edge * f64::from(1 << size))).floor().to_array().map(|at| at as i32);
-        let axis = self.normal.abs().max_position();
-        let side = 2 * axis as i32 + i32::from(self.normal[axis] < 0.0);
-        [x, y, z, side + 6 * size, 2 * i32::from(self.object) + i32::from(self.is_probe)]
+        let axis = self.direction.abs().max_position();
+        let side = 2 * axis as i32 + i32::from(self.direction[axis] < 0.0);
+        let kind = 2 * i32::from(self.is_probe) + i32::from(self.leash > 0.0);
+        [x, y, z, side + 6 * size, 4 * i32::from(self.object) + kind]
     }
 }
 
@@ -116,6 +126,7 @@ impl Guard {
             queries: Vec::new(),
             starts: Vec::with_capacity(RESERVED),
             cells: HashMap::with_capacity(RESERVED),
+            patches: PatchStarts::default(),
             points: Vec::with_capacity(RESERVED),
         }
     }
@@ -156,9 +167,9 @@ impl Guard {
         self.points.clear();
         let frames: ArrayVec<Frames<'_>, MAX_OBJECTS> = geometry.frames(mesh);
         for &index in self.cells.values() {
-            let Start { home, is_probe, object, .. } = self.starts[index];
+            let Start { home, is_probe, leash, object, .. } = self.starts[index];
             let Some(frames) = frames.get(usize::from(object)) else { continue };
-            let point = GuardedPoint::new((home, edge), is_probe, object, frames);
+            let point = GuardedPoint::new((home, leash.max(edge)), is_probe, object, frames);
             if f64::from(point.slack) < reach {
                 self.points.push(point);
             }
@@ -230,7 +241,7 @@ impl ContactLoop {
             let reaches = (reach, (reach + 2.0 * motion).max(reach));
             self.start_in_fields(&mut guard, &mut geometry, &mesh, reaches, &mut report)
         } else {
-            self.start_at_patches(&mut guard, &mut geometry, &mesh, reach, &mut report)
+            self.start_at_patches(&mut guard, &mut geometry, (&mesh, edge), reach, &mut report)
         };
         let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
         guard.fill(&mut geometry, &mesh, &Limits { reach, edge, near });
@@ -258,8 +269,8 @@ impl ContactLoop {
         Some(NearObject { surface, pose, motion, speed })
     }
 
-    /// Starts points at the nearest samples in fields within the first of two reaches (m). Returns how far the
-    /// body may move before it could touch something else, up to the second, m.
+    /// Starts points at the nearest samples in fields within the first of two reaches (m). Returns how far
+    /// the body may move before it could touch something else, up to the second, m.
     fn start_in_fields(
         &mut self,
         guard: &mut Guard,
@@ -297,21 +308,22 @@ impl ContactLoop {
             let index = geometry.objects.len() as u8;
             query.surface_points(first, second, |sample| {
                 let &SurfacePoint { point, is_probe, distance, on_probe, normal } = sample;
-                let (at, normal) = (on_probe.as_dvec3(), normal.as_dvec3());
-                starts.push(Start { home: point.as_dvec3(), is_probe, distance, object: index, at, normal });
+                let (at, direction) = (on_probe.as_dvec3(), normal.as_dvec3());
+                let home = point.as_dvec3();
+                starts.push(Start { home, is_probe, leash: 0.0, distance, object: index, at, direction });
             });
             geometry.objects.push(object);
         }
         room
     }
 
-    /// Starts points at the contacts of patches within a reach (m). Returns how far the body may move before
+    /// Starts points where patches within a reach (m) may touch. Returns how far the body may move before
     /// it could touch something else, m.
     fn start_at_patches(
         &mut self,
         guard: &mut Guard,
         geometry: &mut ContactGeometry,
-        mesh: &Pose,
+        (mesh, edge): (&Pose, f64),
         reach: f64,
         report: &mut QueryReport,
     ) -> f64 {
@@ -328,15 +340,26 @@ impl ContactLoop {
             }
             let index = geometry.objects.len() as u8;
             let to_object = object.pose.inverse();
+            let Some(scene) = self.objects.get(found.object.place()).and_then(Option::as_ref) else {
+                continue;
+            };
+            let Guard { starts, patches, .. } = &mut *guard;
             for patch in found.contacts {
                 let contact = patch.contact;
-                let on_probe = to_probe.transform_point(contact.point);
-                let (at, normal) = (on_probe, to_probe.transform_vector(contact.normal));
-                let on_scene = to_object.transform_point(contact.scene_point);
-                for (home, is_probe) in [(on_probe, true), (on_scene, false)] {
-                    let distance = -contact.depth;
-                    guard.starts.push(Start { home, is_probe, distance, object: index, at, normal });
-                }
+                let mut start = |at: DVec3, is_probe: bool, distance: f64, along: Option<DVec3>| {
+                    let on_probe = to_probe.transform_point(at);
+                    let home = if is_probe { on_probe } else { to_object.transform_point(at) };
+                    let leash = if along.is_some() { (CROSSING_LEASH * edge).max(reach) } else { 0.0 };
+                    // A corner of several patches is one start.
+                    let direction = along.map_or(DVec3::Z, |along| to_probe.transform_vector(along));
+                    let at = on_probe;
+                    starts.push(Start { home, is_probe, leash, distance, object: index, at, direction });
+                };
+                start(contact.point, true, -contact.depth, None);
+                start(contact.scene_point, false, -contact.depth, None);
+                let probe = (&*self.probe.clod, patch.probe_node, mesh);
+                let scene = (&*scene.object.clod, patch.scene_node, &object.pose);
+                patches.find(probe, scene, &contact, reach, start);
             }
             geometry.objects.push(object);
         }

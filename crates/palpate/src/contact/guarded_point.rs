@@ -13,14 +13,15 @@ const MAX_FIRST_MOVES: u32 = 32;
 
 /// Number of measurements for which a point that is at its lowest place stays. With more, points follow fast
 /// motion late.
-const RESTING_STEPS: u8 = 3;
+const RESTING_STEPS: u8 = 1;
 
-/// Smallest fraction of the way along an edge that a point tries.
+/// Smallest fraction of the way along an edge that a point tries first. With less, points follow motion late.
 const MIN_STRIDE: f32 = 1.0 / 64.0;
 
-/// Factors on that fraction after a move that leads down, and after one that does not.
+/// Factors on that fraction after a move that leads down, and after one that does not where the distance is
+/// not convex.
 const LONGER: f32 = 4.0;
-const SHORTER: f32 = 0.25;
+const SHORTER: f64 = 0.25;
 
 /// Smallest gain in distance for which a point moves, m. With less, rounding moves it.
 const MIN_DESCENT: f64 = 1e-8;
@@ -123,38 +124,66 @@ impl GuardedPoint {
         };
         let mut position = own.position(&self.place);
         let mut closest = other.walk(to_other.transform_point3(position), self.face);
-        // A point that was lowest a few steps ago still nearly is.
+        // A point that was lowest a step ago still nearly is.
         let moves = if self.rest > 0 { 0 } else { moves };
         self.rest = self.rest.saturating_sub(1);
+        let mut stride = self.stride;
         for _ in 0..moves {
             let normal = to_own.transform_vector3(closest.normal);
-            let Some(place) = own.descend(&self.place, normal, self.stride.into(), &self.leash) else {
+            let Some(place) = own.descend(&self.place, normal, stride.into(), &self.leash) else {
                 self.rest = RESTING_STEPS;
                 break;
             };
             let next = own.position(&place);
             let found = other.walk(to_other.transform_point3(next), closest.face);
             if found.distance > closest.distance - MIN_DESCENT {
-                if self.stride <= MIN_STRIDE {
+                let way = next - position;
+                let normals = [normal, to_own.transform_vector3(found.normal)];
+                let Some(share) = self.share(&place, &closest, &found, normals, way) else {
                     self.rest = RESTING_STEPS;
                     break;
-                }
-                self.stride = (SHORTER * self.stride).max(MIN_STRIDE);
+                };
+                stride *= share;
                 continue;
             }
-            self.stride = (LONGER * self.stride).min(1.0);
+            stride = (LONGER * stride).min(1.0);
             (self.place, position, closest) = (place, next, found);
         }
+        self.stride = stride.max(MIN_STRIDE);
         self.face = closest.face;
         (position, closest)
     }
 
+    /// The share to try of a way (m) to a place that is no lower; `None` if nothing lower is expected there.
+    /// Along an edge the distance is above its tangents at both ends of the way, and lowest near where these
+    /// meet: exactly there if it has a kink, as over another edge.
+    fn share(
+        &self,
+        to: &Place,
+        before: &ClosestPoint,
+        after: &ClosestPoint,
+        normals: [DVec3; 2],
+        way: DVec3,
+    ) -> Option<f32> {
+        if matches!((self.place, to), (Place::Edge(from, _), Place::Edge(to, _)) if from != *to) {
+            // Ways across a face have no share.
+            return None;
+        }
+        let [slope, beyond] = normals.map(|normal| normal.dot(way));
+        let share = (after.distance - before.distance - beyond) / (slope - beyond);
+        let share = if beyond > 0.0 && share > 0.0 && share < 1.0 { share } else { SHORTER };
+        (-slope * share > MIN_DESCENT).then_some(share as f32)
+    }
+
     /// Key by which points that have descended to the same place are found.
-    pub fn place_key(&self) -> (u8, bool, u32, u32, u64) {
+    pub fn place_key(&self) -> (u8, bool, u32, u32, u64, u32) {
         let (feature, at) = match self.place {
             Place::Vertex(vertex) => (vertex, u64::MAX),
             Place::Edge(edge, at) => (edge, (at * 256.0) as u64),
         };
-        (self.object, self.is_probe, self.face, feature, at)
+        (self.object, self.is_probe, self.face, feature, at, self.leash.length.to_bits())
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -12,6 +12,7 @@ mod in_scene;
 mod lookahead;
 pub(crate) mod merging;
 pub(crate) mod monitor;
+mod patch_starts;
 pub(crate) mod proxy;
 pub mod representative;
 mod search;

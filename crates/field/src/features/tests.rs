@@ -1,0 +1,256 @@
+//! Walks against the search of all triangles, and descents against all vertices.
+
+use glam::DQuat;
+use palpate_core::TriMesh;
+use palpate_models::Model;
+use rand::rngs::StdRng;
+use rand::{RngExt as _, SeedableRng as _};
+
+use super::*;
+
+fn random(rng: &mut StdRng) -> DVec3 {
+    DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
+}
+
+/// A box with these edges, m, about the origin.
+fn block(edges: DVec3) -> TriMesh {
+    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
+    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    TriMesh::new((0..8).map(|i| corner(i) * edges).collect(), triangles).expect("a mesh")
+}
+
+/// The least distance of a point from the triangles that meet at a place on the surface.
+fn around(mesh: &TriMesh, place: DVec3, p: DVec3) -> f64 {
+    let meets = |face: usize| closest(place, &mesh.corners(face)).0.distance(place) < 1e-12;
+    let touching = (0..mesh.triangles().len()).filter(|&face| meets(face));
+    touching.map(|other| closest(p, &mesh.corners(other)).0.distance(p)).fold(f64::INFINITY, f64::min)
+}
+
+/// A point near the surface of a mesh, within a share of its bounding radius.
+fn near(mesh: &TriMesh, share: f64, rng: &mut StdRng) -> DVec3 {
+    let [a, b, c] = mesh.corners(rng.random_range(0..mesh.triangles().len()));
+    let (u, v) = (rng.random_range(0.0..1.0), rng.random_range(0.0..1.0));
+    let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+    a + (b - a) * u + (c - a) * v + random(rng) * share * mesh.bounding_sphere().radius
+}
+
+/// From a neighbour of the nearest face a walk ends at the nearest point, except at concave edges: there it
+/// may end over a face beside it, which is a local minimum of the distance.
+#[test]
+fn walks_end_at_the_nearest_point() {
+    let mut rng = StdRng::seed_from_u64(0xFEA7);
+    for (model, convex) in [
+        (Model::Ellipsoid, true),
+        (Model::Block, true),
+        (Model::Torus, false),
+        (Model::Cup, false),
+        (Model::Gear, false),
+    ] {
+        let mesh = model.generate(3000).expect("in range");
+        let radius = mesh.bounding_sphere().radius;
+        let (features, exact) = (FeatureMesh::new(&mesh), ExactDistance::new(&mesh));
+        let (mut other, mut inside, rounds) = (0, 0, 1500);
+        for round in 0..rounds {
+            let p = near(&mesh, 0.01, &mut rng);
+            let wanted = exact.nearest(p, 0);
+            let corner = mesh.triangles()[wanted.triangle as usize][round % 3];
+            let start = features.faces_around.of(corner)[0];
+            let found = features.walk(p, start);
+            let own = features.nearest(p);
+            let close = |a: f64, b: f64| (a - b).abs() < 1e-12 * radius;
+            assert!(close(own.distance, wanted.distance), "{model:?}, round {round}: {own:?}, {wanted:?}");
+            assert!(
+                found.distance.abs() > wanted.distance.abs() - 1e-12 * radius,
+                "{model:?}, round {round}"
+            );
+            assert!(close(found.point.distance(p), found.distance.abs()), "{model:?}, round {round}");
+            inside += u32::from(wanted.distance < 0.0);
+            if close(found.distance, wanted.distance) {
+                continue;
+            }
+            other += 1;
+            let least = around(&mesh, found.point, p);
+            assert!(close(found.distance.abs(), least), "{model:?}, round {round}: {found:?} is no minimum");
+            assert!(!convex || wanted.distance < 0.0, "{model:?}, round {round}: {found:?}, {wanted:?}");
+        }
+        assert!((300..1200).contains(&inside), "{model:?}: {inside} inside");
+        assert!(other * 300 < rounds, "{model:?}: {other} of {rounds} walks end elsewhere");
+    }
+}
+
+/// A point outside of a convex body is found from any face that faces it.
+#[test]
+fn walks_over_a_convex_body_start_anywhere_in_view() {
+    let mut rng = StdRng::seed_from_u64(0xFEA8);
+    for mesh in [Model::Ellipsoid.generate(500).expect("in range"), block(DVec3::new(0.1, 0.05, 0.02))] {
+        let radius = mesh.bounding_sphere().radius;
+        let (features, exact) = (FeatureMesh::new(&mesh), ExactDistance::new(&mesh));
+        let mut walks = 0;
+        for round in 0..8000 {
+            let p = near(&mesh, 0.5, &mut rng);
+            let wanted = exact.nearest(p, 0).distance;
+            let start = rng.random_range(0..mesh.triangles().len());
+            let normal = features.faces[start].normal;
+            if wanted <= 0.0 || normal.dot(p - mesh.corners(start)[0]) <= 0.0 {
+                continue;
+            }
+            walks += 1;
+            let found = features.walk(p, start as u32);
+            assert!((found.distance - wanted).abs() < 1e-12 * radius, "round {round}: {found:?}, {wanted}");
+            let gradient = (p - found.point) / wanted;
+            assert!(found.normal.distance(gradient) < 1e-6, "round {round}: {found:?}, {gradient}");
+        }
+        assert!(walks > 400, "{walks} walks");
+    }
+}
+
+#[test]
+fn distances_from_faces_edges_and_vertices_of_a_box() {
+    let mesh = block(DVec3::splat(2.0));
+    let features = FeatureMesh::new(&mesh);
+    let third = 1.0 / 3.0_f64.sqrt();
+    for (p, distance, normal) in [
+        (DVec3::new(0.3, 0.1, 1.5), 0.5, DVec3::Z),
+        (DVec3::new(0.3, 0.1, 0.9), -0.1, DVec3::Z),
+        (DVec3::new(0.3, 0.1, 1.0), 0.0, DVec3::Z),
+        (DVec3::new(0.3, -1.3, 1.4), 0.5, DVec3::new(0.0, -0.6, 0.8)),
+        (DVec3::new(0.3, -1.0, 1.0), 0.0, DVec3::new(0.0, -1.0, 1.0).normalize()),
+        (DVec3::new(2.0, -2.0, 2.0), 3.0_f64.sqrt(), DVec3::new(third, -third, third)),
+        (DVec3::new(1.0, -1.0, 1.0), 0.0, DVec3::new(third, -third, third)),
+    ] {
+        let found = features.nearest(p);
+        assert!((found.distance - distance).abs() < 1e-12, "{p}: {found:?}");
+        assert!(found.normal.distance(normal) < 1e-12, "{p}: {found:?}, not {normal}");
+    }
+    // Inside, near an edge, the nearer face is found from each that meets there.
+    for face in 0..12 {
+        if features.corners(face).iter().any(|corner| corner.y < 0.0 && corner.z > 0.0) {
+            let found = features.walk(DVec3::new(0.3, -0.9, 0.99), face);
+            assert!((found.distance + 0.01).abs() < 1e-12, "from {face}: {found:?}");
+        }
+    }
+    // On both sides of an edge, the sign does not depend on the face at which a walk starts.
+    for face in 0..12 {
+        let found = features.walk(DVec3::new(0.3, -0.99, 0.99), face);
+        assert!(found.distance < 0.0, "from {face}: {found:?}");
+        let found = features.walk(DVec3::new(0.3, -1.01, 1.01), face);
+        assert!(found.distance > 0.0, "from {face}: {found:?}");
+    }
+}
+
+#[test]
+fn open_meshes_have_the_sign_of_the_nearest_side() {
+    let vertices = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(|[x, y]| DVec3::new(x, y, 0.0));
+    let mesh = TriMesh::new(vertices.to_vec(), vec![[0, 1, 2], [0, 2, 3]]).expect("a sheet");
+    let (features, exact) = (FeatureMesh::new(&mesh), ExactDistance::new(&mesh));
+    let mut rng = StdRng::seed_from_u64(0xFEA9);
+    for round in 0..500 {
+        let p = random(&mut rng) * 2.0;
+        for face in [0, 1] {
+            let (found, wanted) = (features.walk(p, face), exact.nearest(p, 0).distance);
+            assert!(
+                (found.distance.abs() - wanted.abs()).abs() < 1e-12,
+                "round {round}: {found:?}, {wanted}"
+            );
+            assert_eq!(found.distance < 0.0, p.z < 0.0, "round {round}: {found:?}");
+        }
+    }
+    // A single triangle, and three that share an edge, have no neighbours to walk to, or one too many.
+    let sheet = TriMesh::new(vertices.to_vec(), vec![[0, 1, 2]]).expect("a triangle");
+    assert_eq!(FeatureMesh::new(&sheet).nearest(DVec3::new(0.5, 0.25, 0.5)).distance, 0.5);
+    let mut fan = vertices.to_vec();
+    fan.push(DVec3::new(0.5, 0.5, 1.0));
+    let fan = TriMesh::new(fan, vec![[0, 1, 2], [2, 0, 3], [0, 2, 4]]).expect("a fan");
+    let features = FeatureMesh::new(&fan);
+    for round in 0..500 {
+        let p = random(&mut rng) * 2.0;
+        let found = features.walk(p, round % 3);
+        assert!(found.distance.is_finite() && found.normal.is_finite(), "round {round}: {found:?}");
+    }
+}
+
+/// Ends of a descent towards a plane below, as guarded points make it. `leash` limits it.
+fn descend(features: &FeatureMesh, mut place: Place, up: DVec3, leash: &Leash) -> (Place, u32) {
+    let (mut stride, mut tries) = (1.0, 0);
+    while let Some(next) = features.descend(&place, up, stride, leash) {
+        tries += 1;
+        assert!(tries < 10_000, "{place:?} moves for ever");
+        let fell = up.dot(features.position(&place) - features.position(&next));
+        if fell > 1e-9 {
+            (place, stride) = (next, 1.0);
+        } else if stride < 1e-3 {
+            break;
+        } else {
+            stride *= 0.25;
+        }
+    }
+    (place, tries)
+}
+
+const FREE: Leash = Leash { home: Vec3::ZERO, length: 1e3 };
+
+#[test]
+fn descents_over_convex_bodies_end_at_the_lowest_vertex() {
+    let mut rng = StdRng::seed_from_u64(0xFEAA);
+    for mesh in [Model::Ellipsoid.generate(500).expect("in range"), block(DVec3::new(0.1, 0.05, 0.02))] {
+        let features = FeatureMesh::new(&mesh);
+        let radius = mesh.bounding_sphere().radius;
+        for round in 0..300 {
+            let up = random(&mut rng).normalize();
+            let from = features.place_near(near(&mesh, 0.0, &mut rng));
+            let (place, _) = descend(&features, from, up, &FREE);
+            let lowest = mesh.vertices().iter().map(|v| up.dot(*v)).fold(f64::INFINITY, f64::min);
+            let found = up.dot(features.position(&place));
+            // Slopes below a thousandth count as level.
+            assert!(found - lowest < 2e-3 * radius, "round {round}: {place:?} is {} m up", found - lowest);
+        }
+    }
+}
+
+#[test]
+fn descents_stay_on_their_leash() {
+    let mut rng = StdRng::seed_from_u64(0xFEAB);
+    let mut limited = 0;
+    for model in [Model::Ellipsoid, Model::Torus, Model::Cup] {
+        let mesh = model.generate(2000).expect("in range");
+        let (features, radius) = (FeatureMesh::new(&mesh), mesh.bounding_sphere().radius);
+        for round in 0..300 {
+            let up = random(&mut rng).normalize();
+            let home = near(&mesh, 0.0, &mut rng);
+            let from = features.place_near(home);
+            // A place may start outside of a short leash, and is not moved further out then.
+            let length = (radius * 10_f64.powf(rng.random_range(-3.0..0.0))) as f32;
+            let leash = Leash { home: home.as_vec3(), length };
+            let most = f64::from(length).max(features.position(&from).distance(home)) + 1e-6 * radius;
+            let (place, _) = descend(&features, from, up, &leash);
+            let away = features.position(&place).distance(home);
+            assert!(away <= most, "{model:?}, round {round}: {away} m from home, not {most}");
+            let free = descend(&features, from, up, &FREE).0;
+            limited += u32::from(features.position(&free).distance(home) > most);
+        }
+    }
+    assert!(limited > 300, "{limited} leashes are needed");
+}
+
+#[test]
+fn a_turned_mesh_descends_alike() {
+    // Neither rounding nor the order of triangles decides where a descent ends.
+    let mesh = Model::Ellipsoid.generate(500).expect("in range");
+    let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, 0.8, -1.1);
+    let turned = TriMesh::new(
+        mesh.vertices().iter().map(|v| turn * *v).collect(),
+        mesh.triangles().iter().rev().copied().collect(),
+    )
+    .expect("a mesh");
+    let (first, second) = (FeatureMesh::new(&mesh), FeatureMesh::new(&turned));
+    let mut rng = StdRng::seed_from_u64(0xFEAC);
+    for round in 0..100 {
+        let (up, from) = (random(&mut rng).normalize(), rng.random_range(0..mesh.vertices().len()) as u32);
+        let end = |features: &FeatureMesh, up: DVec3| {
+            up.dot(features.position(&descend(features, Place::Vertex(from), up, &FREE).0))
+        };
+        let (a, b) = (end(&first, up), end(&second, turn * up));
+        assert!((a - b).abs() < 2e-3 * mesh.bounding_sphere().radius, "round {round}: {a}, {b}");
+    }
+}
