@@ -181,7 +181,7 @@ impl Loop {
         let friction = Friction::coulomb(0.3);
         let parameters = ContactParameters { stiffness: 1000.0, damping: 1.0, tolerance: 0.0005, friction };
         let found = LinearContactModel::from_contacts(found, &pose, &parameters, 0.0);
-        let update = ContactUpdate { model: found, time: 0.0, depth: 0.0, contacts };
+        let update = ContactUpdate::new(found, 0.0, 0.0, contacts);
         let mut made = Self { haptic, update, steps: 0 };
         for _ in 0..500 {
             made.step();

@@ -47,7 +47,7 @@ impl Rig {
         let center = self.haptic.body_state().pose;
         let none = LinearContactModel::empty(&center, self.now);
         let Some((height, damping)) = self.floor else {
-            return ContactUpdate { model: none, time: self.now, ..ContactUpdate::none() };
+            return ContactUpdate::new(none, self.now, 0.0, 0);
         };
         let point = center.translation;
         let depth = height - point.z;
@@ -55,7 +55,7 @@ impl Rig {
         let parameters =
             ContactParameters { stiffness: 2000.0, damping, tolerance: 0.0, friction: Friction::NONE };
         let model = LinearContactModel::from_contacts([contact], &center, &parameters, self.now);
-        ContactUpdate { model, time: self.now, depth, contacts: 1 }
+        ContactUpdate::new(model, self.now, depth, 1)
     }
 
     fn step_by(&mut self, state: DeviceState, elapsed: f64, dt: f64) -> Record {
@@ -428,7 +428,8 @@ fn contacts_of_another_time_are_dropped() {
         let before = rig.rest(600, DVec3::ZERO).coupling.force.z;
         assert!(before > 1.0, "{before} N");
         rig.queries = false;
-        let update = ContactUpdate { time, ..rig.query() };
+        let mut update = rig.query();
+        update.time = time;
         rig.haptic.update_contacts(&update);
         let after = rig.rest(30, DVec3::ZERO).coupling;
         assert_eq!(after, Wrench::ZERO, "{time}");

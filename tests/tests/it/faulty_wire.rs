@@ -59,7 +59,7 @@ impl Rig {
         let parameters =
             ContactParameters { stiffness: 2000.0, damping: 20.0, tolerance: 0.0, friction: Friction::NONE };
         let model = LinearContactModel::from_contacts([contact], &center, &parameters, now);
-        ContactUpdate { model, time: now, depth, contacts: 1 }
+        ContactUpdate::new(model, now, depth, 1)
     }
 
     fn step(&mut self, now: f64) {

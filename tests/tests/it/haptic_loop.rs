@@ -85,7 +85,7 @@ fn haptic_loop(specification: Specification, settings: Settings) -> HapticLoop {
 /// Returns a contact model without contacts, found at `time`.
 fn update(time: f64) -> ContactUpdate {
     let model = LinearContactModel::empty(&Pose::IDENTITY, time);
-    ContactUpdate { model, time, ..ContactUpdate::none() }
+    ContactUpdate::new(model, time, 0.0, 0)
 }
 
 #[test]
@@ -323,7 +323,7 @@ fn pressed_on_a_contact_the_hand_is_pushed_back() {
     let mut last = None;
     for step in 1..=400 {
         let now = f64::from(step) * PERIOD;
-        haptic.update_contacts(&ContactUpdate { model, time: now, depth: 1e-3, contacts: 1 });
+        haptic.update_contacts(&ContactUpdate::new(model, now, 1e-3, 1));
         last = Some(haptic.step(&device, now, PERIOD));
     }
     let last = last.expect("steps");

@@ -81,7 +81,7 @@ impl Rig {
         let parameters =
             ContactParameters { stiffness: 2000.0, damping: 1.0, tolerance: 0.0, friction: Friction::NONE };
         let model = LinearContactModel::from_contacts([touch], &center, &parameters, self.now);
-        ContactUpdate { model, time: self.now, depth, contacts: 1 }
+        ContactUpdate::new(model, self.now, depth, 1)
     }
 
     /// Takes a step with a state of the device, and checks that the wrench is finite and changes no faster

@@ -147,7 +147,7 @@ fn host() {
         let parameters =
             ContactParameters { stiffness: 2000.0, damping: 20.0, tolerance: 0.0, friction: Friction::NONE };
         let model = LinearContactModel::from_contacts([contact], &pose, &parameters, now);
-        haptic.update_contacts(&ContactUpdate { model, time: now, depth, contacts: 1 });
+        haptic.update_contacts(&ContactUpdate::new(model, now, depth, 1));
         haptic.step_device(&mut *device, now, (now - last).min(5e-3));
         last = now;
         if ends == "panics" && now > 1.0 {

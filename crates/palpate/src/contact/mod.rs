@@ -76,6 +76,11 @@ pub struct ContactUpdate {
 }
 
 impl ContactUpdate {
+    /// An update with penalty contacts.
+    pub fn new(model: LinearContactModel, time: f64, depth: f64, contacts: u32) -> Self {
+        Self { model, time, depth, contacts, geometry: None }
+    }
+
     /// No contact, before any query.
     pub fn none() -> Self {
         Self {

@@ -129,8 +129,12 @@ fn points_of_the_object_have_the_probes_normal() {
     let object = Pose::new(DVec3::new(0.013, -0.02, -top), up);
     let probe = Pose::from_translation(DVec3::Z * (0.005 + 1e-4));
     let tip = DVec3::splat(0.01);
-    let mut point =
-        GuardedPoint::new((tip - DVec3::X * 2e-3, 0.01), false, 0, (&plate, &probe), (&cube, &object));
+    let mut point = GuardedPoint::new(
+        (tip - DVec3::X * 2e-3, 0.01),
+        false,
+        0,
+        &Frames::new((&plate, &probe), (&cube, &object)),
+    );
     let found = measure(&mut point, (&plate, &probe), (&cube, &object));
     assert!((found.distance - 1e-4).abs() < 1e-9, "{found:?}");
     assert!(found.normal.distance(DVec3::NEG_Z) < 1e-9, "{found:?}");
