@@ -9,8 +9,8 @@
 //!
 //! for each contact, with the impulses p = (p_n, p_t) of the body on the surface, the gap g at the start of
 //! the step, the velocity v_p = v + ω × a of the contact's point and v_s of the surface. Friction opposes the
-//! sliding velocity at the end of the step. The contact conditions are solved by projected Gauss–Seidel
-//! sweeps from the impulses of the step before.
+//! sliding velocity at the end of the step. An active set from the step before gives the normal impulses
+//! exactly; friction is found by projection, in turn with them.
 //!
 //! # Overlap
 //!
