@@ -500,8 +500,8 @@ pub struct Physics {
     /// Contact stiffness, N/m [default: 2000]
     #[arg(long)]
     contact_stiffness: Option<f64>,
-    /// How contacts act: constraints hold surfaces apart and measure them exactly in each haptic step, penalty
-    /// springs push them apart [default: penalty]
+    /// How contacts act: constraints hold surfaces apart and measure them exactly in each haptic step,
+    /// penalty springs push them apart [default: penalty]
     #[arg(long, value_enum)]
     response: Option<ResponseName>,
     /// Contact damping, N·s/m [default: critical]

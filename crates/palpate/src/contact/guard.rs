@@ -54,8 +54,8 @@ const MAX_NEAR: usize = 3 * MAX_UNILATERAL / 4;
 /// Largest number of times that cells are doubled.
 const MAX_DOUBLINGS: u32 = 8;
 
-/// Largest number of cells whose points are made, some of which come out as the same. With more, a query takes
-/// longer.
+/// Largest number of cells whose points are made, some of which come out as the same. With more, a query
+/// takes longer.
 const MAX_CELLS: usize = 2 * MAX_POINTS;
 
 /// Largest distance of a point from where it starts, in edges of cells and at least the reach, where edges
@@ -80,8 +80,8 @@ struct Start {
     object: u8,
     /// Place on the body in the hand, in its axes, m.
     at: DVec3,
-    /// Direction by which starts nearby are told apart, in the axes of the body in the hand: the normal out of
-    /// it, or the edge.
+    /// Direction by which starts nearby are told apart, in the axes of the body in the hand: the normal out
+    /// of it, or the edge.
     direction: DVec3,
 }
 

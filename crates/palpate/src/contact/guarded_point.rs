@@ -11,10 +11,6 @@ const MAX_MOVES: u32 = 3;
 /// The same for a point that is new.
 const MAX_FIRST_MOVES: u32 = 32;
 
-/// Number of measurements for which a point that is at its lowest place stays. With more, points follow fast
-/// motion late.
-const RESTING_STEPS: u8 = 1;
-
 /// Smallest fraction of the way along an edge that a point tries first. With less, points follow motion late.
 const MIN_STRIDE: f32 = 1.0 / 64.0;
 
@@ -41,8 +37,6 @@ pub(crate) struct GuardedPoint {
     is_probe: bool,
     /// Fraction of the way along an edge that it tries next.
     stride: f32,
-    /// Number of measurements until it tries to move again.
-    rest: u8,
     /// Distance that the bodies may move before it has to be measured again, m.
     pub slack: f32,
 }
@@ -93,8 +87,7 @@ impl GuardedPoint {
         let place = own.place_near(home);
         let face = other.nearest(to_other.transform_point3(own.position(&place))).face;
         let leash = Leash { home: home.as_vec3(), length: length as f32 };
-        let mut point =
-            Self { place, leash, face, object: index, is_probe, stride: 1.0, rest: 0, slack: 0.0 };
+        let mut point = Self { place, leash, face, object: index, is_probe, stride: 1.0, slack: 0.0 };
         point.slack = point.descend(frames, MAX_FIRST_MOVES).1.distance as f32;
         point
     }
@@ -124,25 +117,16 @@ impl GuardedPoint {
         };
         let mut position = own.position(&self.place);
         let mut closest = other.walk(to_other.transform_point3(position), self.face);
-        // A point that was lowest a step ago still nearly is.
-        let moves = if self.rest > 0 { 0 } else { moves };
-        self.rest = self.rest.saturating_sub(1);
         let mut stride = self.stride;
         for _ in 0..moves {
             let normal = to_own.transform_vector3(closest.normal);
-            let Some(place) = own.descend(&self.place, normal, stride.into(), &self.leash) else {
-                self.rest = RESTING_STEPS;
-                break;
-            };
+            let Some(place) = own.descend(&self.place, normal, stride.into(), &self.leash) else { break };
             let next = own.position(&place);
             let found = other.walk(to_other.transform_point3(next), closest.face);
             if found.distance > closest.distance - MIN_DESCENT {
                 let way = next - position;
                 let normals = [normal, to_own.transform_vector3(found.normal)];
-                let Some(share) = self.share(&place, &closest, &found, normals, way) else {
-                    self.rest = RESTING_STEPS;
-                    break;
-                };
+                let Some(share) = self.share(&place, &closest, &found, normals, way) else { break };
                 stride *= share;
                 continue;
             }

@@ -11,8 +11,8 @@ use crate::telemetry::record::ModelData;
 /// m at the device. With more, the body feels planes of surfaces that are elsewhere.
 const MAX_STRAY: (f64, f64) = (0.5, 0.01);
 
-/// Distance within which a step's contacts are found: at least, m, and in lengths of the last step. With less,
-/// an object that speeds up is held back for a step.
+/// Distance within which a step's contacts are found: at least, m, and in lengths of the last step. With
+/// less, an object that speeds up is held back for a step.
 const MIN_REACH: f64 = 3e-5;
 const REACH: f64 = 2.0;
 

@@ -102,8 +102,8 @@ pub(crate) fn new_query(probe: &Field, scene: &Field) -> FieldQuery {
     FieldQuery::new(&probe.body, &scene.body, FIELD_REACH)
 }
 
-/// Edge of the cells of queries for guarded points, in bounding radii of the probe: it decides how densely the
-/// surface is sampled.
+/// Edge of the cells of queries for guarded points, in bounding radii of the probe: it decides how densely
+/// the surface is sampled.
 const FINE_REACH: f64 = 0.05;
 
 /// Makes the workspace of queries for guarded points.
