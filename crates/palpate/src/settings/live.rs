@@ -4,7 +4,7 @@
 
 use palpate_dynamics::{ContactParameters, Friction, SlewLimit, VirtualCoupling};
 
-use super::Response;
+use super::response::Response;
 
 /// Duration of the ramp from old gains to new ones, s. A shorter ramp is felt as a jolt while a spring is
 /// stretched.

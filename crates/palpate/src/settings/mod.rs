@@ -2,10 +2,12 @@
 
 pub(crate) mod gripper;
 pub(crate) mod live;
+pub(crate) mod response;
 
 use std::ops::RangeInclusive;
 
 pub use self::gripper::GripperSettings;
+pub use self::response::Response;
 use palpate_core::Pose;
 use palpate_dynamics::MAX_CLUSTERS;
 use serde::{Deserialize, Serialize};
@@ -82,16 +84,6 @@ impl Default for ContactSettings {
             static_friction: None,
         }
     }
-}
-
-/// How contacts act on the grasped object.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Response {
-    /// Surfaces do not pass one another: contacts are unilateral constraints.
-    Constraints,
-    /// Springs and dampers push surfaces apart.
-    #[default]
-    Penalty,
 }
 
 /// Gains of the virtual coupling between device and object. May change while a session runs.

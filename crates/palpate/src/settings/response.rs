@@ -1,0 +1,13 @@
+//! How contacts act.
+
+use serde::{Deserialize, Serialize};
+
+/// How contacts act on the grasped object.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Response {
+    /// Surfaces do not pass one another: contacts are unilateral constraints.
+    Constraints,
+    /// Springs and dampers push surfaces apart.
+    #[default]
+    Penalty,
+}
