@@ -8,6 +8,7 @@ pub(crate) mod geometry;
 mod group;
 mod guard;
 mod guarded_point;
+mod guarding;
 mod in_scene;
 mod lookahead;
 pub(crate) mod merging;

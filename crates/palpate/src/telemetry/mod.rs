@@ -104,8 +104,8 @@ events! {
     /// The device reappeared more than 5 mm or 0.1 rad from where it was lost, or from where it was when the
     /// session was made: the object stays, and follows the hand from there.
     rebased,
-    /// The object was held back in a step, since it could have touched surfaces that no contact query has found
-    /// yet; it follows when the next query has.
+    /// The object was held back in a step, since it could have touched surfaces that no contact query has
+    /// found yet; it follows when the next query has.
     waited,
     /// The driver had sent zero in place of the wrench, which then rose from zero.
     withheld,

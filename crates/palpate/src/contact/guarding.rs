@@ -1,0 +1,225 @@
+//! The step of the contact loop that finds contact geometry.
+
+use super::ContactLoop;
+use super::assemble::counterpart;
+use super::by_fields::in_steps;
+use super::geometry::{ContactGeometry, NearObject};
+use super::guard::{Guard, Limits, Start};
+use super::proxy::{LevelFinder, QueryReport};
+use crate::scene::field::new_fine_query;
+use crate::settings::Response;
+use arrayvec::ArrayVec;
+use palpate_collide::{ObjectHandle, QuerySettings};
+use palpate_core::Pose;
+use palpate_core::glam::DVec3;
+use palpate_dynamics::{BodyState, MotionBound, MovingBody};
+use palpate_field::{FeatureMesh, SurfacePoint};
+use std::sync::Arc;
+
+/// Edge of the cells in each of which a point starts, in bounding radii of the body. With larger cells, local
+/// minima of the distance are missed; with smaller ones there are more points.
+const CELL: f64 = 0.02;
+
+/// Distance at which surfaces are held apart, in bounding radii of the body. Without it rounding lets them
+/// overlap, and directions between them are lost.
+const MARGIN: f64 = 7e-5;
+
+/// Smallest distance within which points are guarded, in tolerances d. With less, a body at rest is held
+/// where it is when it starts to move.
+const MIN_REACH: f64 = 2.0;
+
+/// Time of motion within which a step may meet a point, s. With more, cells are larger than they need to be.
+const NEAR_TIME: f64 = 3e-3;
+
+/// The same for a body at rest, in tolerances d.
+const MIN_NEAR: f64 = 0.1;
+
+/// Largest distance of a point from where it starts, in edges of cells and at least the reach, where edges
+/// cross. With less, edges that slide over each other lose it; with more, crossings that are apart become
+/// one.
+const CROSSING_LEASH: f64 = 4.0;
+
+impl ContactLoop {
+    /// Whether contacts with the object at a place are constraints. Contacts with objects that they push, and
+    /// with textured ones, are penalty contacts.
+    pub(super) fn is_guarded(&self, place: usize) -> bool {
+        let pushed =
+            self.objects.get(place).and_then(Option::as_ref).and_then(|object| object.moving.as_ref());
+        self.response == Response::Constraints
+            && !pushed.is_some_and(|moving| moving.0.is_pushed())
+            && !self.textures.as_ref().is_some_and(|textures| textures.has(place))
+    }
+
+    /// How contacts act, in words.
+    pub(crate) fn response_stage(&self) -> String {
+        let pushed = self.moving.iter().any(|&place| !self.is_guarded(place));
+        match self.response {
+            Response::Penalty => "penalties".to_owned(),
+            Response::Constraints if self.textures.is_some() => {
+                "constraints; penalties with textured objects".to_owned()
+            }
+            Response::Constraints if pushed => {
+                "constraints; penalties with objects that contacts move".to_owned()
+            }
+            Response::Constraints => "constraints".to_owned(),
+        }
+    }
+
+    /// Whether contacts with all objects are constraints.
+    pub(super) fn guards_all(&self) -> bool {
+        (0..self.objects.len()).all(|place| self.objects[place].is_none() || self.is_guarded(place))
+    }
+
+    /// Finds what the haptic loop needs to hold the body out of the objects that are guarded; `None` if the
+    /// body has no surface.
+    pub(super) fn guard(&mut self, body: &BodyState, interval: f64) -> Option<ContactGeometry> {
+        let tolerance = self.parameters.tolerance;
+        let ahead = self.lookahead.horizon(interval);
+        let motion = self.lookahead.motion_bound(&body.twist, self.fastest, ahead);
+        let reach = in_steps(tolerance + motion, tolerance).max(MIN_REACH * tolerance).min(self.max_reach());
+        let radius = self.probe.bounding_radius();
+        let mut geometry = ContactGeometry {
+            probe: self.probe.features()?,
+            center_of_mass: self.center_of_mass,
+            objects: Default::default(),
+            points: Default::default(),
+            bound: MotionBound { from: body.pose, room: reach, step: f64::INFINITY, radius: self.radius },
+            friction: self.parameters.friction,
+            margin: (MARGIN * radius).min(0.05 * tolerance),
+            age: 0.0,
+        };
+        let mesh = body.pose * Pose::from_translation(-self.center_of_mass);
+        let mut guard = std::mem::take(&mut self.guard);
+        guard.starts.clear();
+        let mut report = QueryReport::default();
+        let edge = CELL * radius;
+        let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
+        let room = if self.is_by_fields() {
+            let reaches = (reach, (reach + 2.0 * motion).max(reach));
+            self.start_in_fields(&mut guard, &mut geometry, &mesh, reaches, &mut report)
+        } else {
+            self.start_at_patches(&mut guard, &mut geometry, (&mesh, edge), reach, &mut report)
+        };
+        let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
+        guard.fill(&mut geometry, &mesh, &Limits { reach, edge, near });
+        geometry.bound.room = if report.refused { 0.0 } else { room };
+        self.guard = guard;
+        let events = &mut self.telemetry.events;
+        events.contact_refused += u64::from(report.refused);
+        events.contact_overflow += report.dropped as u64;
+        events.not_converged += report.not_converged as u64;
+        Some(geometry)
+    }
+
+    /// A scene object near the body, by its place; `None` if it is not guarded.
+    fn near_object(&self, handle: ObjectHandle) -> Option<NearObject> {
+        let place = handle.place();
+        if !self.is_guarded(place) {
+            return None;
+        }
+        let surface: Arc<FeatureMesh> = self.objects.get(place)?.as_ref()?.object.features()?;
+        let pose = *self.scene.pose(handle)?;
+        let motion: MovingBody = counterpart(&self.objects, &self.scene, Some(place)).body();
+        let radius = self.objects.get(place)?.as_ref()?.object.bounding_radius();
+        let center = motion.twist.velocity_at(pose.translation);
+        let speed = center.length() + motion.twist.angular.length() * radius;
+        Some(NearObject { surface, pose, motion, speed })
+    }
+
+    /// Starts points at the nearest samples in fields within the first of two reaches (m). Returns how far
+    /// the body may move before it could touch something else, up to the second, m.
+    fn start_in_fields(
+        &mut self,
+        guard: &mut Guard,
+        geometry: &mut ContactGeometry,
+        mesh: &Pose,
+        (reach, enough): (f64, f64),
+        report: &mut QueryReport,
+    ) -> f64 {
+        let Guard { queries, starts, .. } = guard;
+        let Ok(invalid) = self.scene.find_near(mesh, enough) else {
+            report.refused = true;
+            return 0.0;
+        };
+        report.refused |= invalid > 0;
+        let mut room = enough;
+        let handles: ArrayVec<ObjectHandle, 64> = self.scene.near().take(64).collect();
+        for handle in handles {
+            let Some(object) = self.near_object(handle) else { continue };
+            let Ok(fields) = &self.by_fields else { continue };
+            let Some((probe, field)) = fields.fields(handle.place()) else { continue };
+            let to_object = object.pose.inverse() * *mesh;
+            let clearance = probe.body().clearance(field.body(), &to_object, enough);
+            if clearance > reach || geometry.objects.is_full() {
+                room = room.min(clearance);
+                continue;
+            }
+            room = room.min(reach);
+            if queries.len() <= handle.place() {
+                queries.resize_with(handle.place() + 1, || None);
+            }
+            let query = queries[handle.place()].get_or_insert_with(|| new_fine_query(probe, field));
+            let settings = fields.needs.settings(reach);
+            query.run(probe.body(), field.body(), mesh, &object.pose, &settings);
+            let (first, second) = ((probe.body(), mesh), (field.body(), &object.pose));
+            let index = geometry.objects.len() as u8;
+            query.surface_points(first, second, |sample| {
+                let &SurfacePoint { point, is_probe, distance, on_probe, normal } = sample;
+                let (at, direction) = (on_probe.as_dvec3(), normal.as_dvec3());
+                let home = point.as_dvec3();
+                starts.push(Start { home, is_probe, leash: 0.0, distance, object: index, at, direction });
+            });
+            geometry.objects.push(object);
+        }
+        room
+    }
+
+    /// Starts points where patches within a reach (m) may touch. Returns how far the body may move before
+    /// it could touch something else, m.
+    fn start_at_patches(
+        &mut self,
+        guard: &mut Guard,
+        geometry: &mut ContactGeometry,
+        (mesh, edge): (&Pose, f64),
+        reach: f64,
+        report: &mut QueryReport,
+    ) -> f64 {
+        let settings = QuerySettings { tolerance: reach, ..QuerySettings::new(reach) };
+        let mut finder = LevelFinder { scene: &mut self.scene, settings };
+        let complete = crate::contact::proxy::ContactFinder::find(&mut finder, mesh, report);
+        let to_probe = mesh.inverse();
+        let mut room = if complete { reach } else { 0.0 };
+        for found in self.scene.contacts() {
+            let Some(object) = self.near_object(found.object) else { continue };
+            if geometry.objects.is_full() {
+                room = 0.0;
+                break;
+            }
+            let index = geometry.objects.len() as u8;
+            let to_object = object.pose.inverse();
+            let Some(scene) = self.objects.get(found.object.place()).and_then(Option::as_ref) else {
+                continue;
+            };
+            let Guard { starts, patches, .. } = &mut *guard;
+            for patch in found.contacts {
+                let contact = patch.contact;
+                let mut start = |at: DVec3, is_probe: bool, distance: f64, along: Option<DVec3>| {
+                    let on_probe = to_probe.transform_point(at);
+                    let home = if is_probe { on_probe } else { to_object.transform_point(at) };
+                    let leash = if along.is_some() { (CROSSING_LEASH * edge).max(reach) } else { 0.0 };
+                    // A corner of several patches is one start.
+                    let direction = along.map_or(DVec3::Z, |along| to_probe.transform_vector(along));
+                    let at = on_probe;
+                    starts.push(Start { home, is_probe, leash, distance, object: index, at, direction });
+                };
+                start(contact.point, true, -contact.depth, None);
+                start(contact.scene_point, false, -contact.depth, None);
+                let probe = (&*self.probe.clod, patch.probe_node, mesh);
+                let scene = (&*scene.object.clod, patch.scene_node, &object.pose);
+                patches.find(probe, scene, &contact, reach, start);
+            }
+            geometry.objects.push(object);
+        }
+        room
+    }
+}
