@@ -33,7 +33,7 @@ use palpate_core::Pose;
 pub use step::{ConstrainedStep, constrained_step};
 
 /// Largest number of unilateral contacts of a step.
-pub const MAX_UNILATERAL: usize = 32;
+pub const MAX_UNILATERAL: usize = 64;
 
 /// A contact that holds a point of the body on one side of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]

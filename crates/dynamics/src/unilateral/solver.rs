@@ -38,8 +38,9 @@ struct Row {
     axes: [DVec3; 3],
     /// Jacobian rows (axis, a × axis).
     jacobian: [Six; 3],
-    /// A⁻¹ Jᵀ.
+    /// A⁻¹ Jᵀ, of the contacts that have pushed.
     response: [Six; 3],
+    is_ready: bool,
     /// The larger of the two diagonal entries of J A⁻¹ Jᵀ along the surface.
     tangent_mobility: f64,
     compliance: f64,
@@ -51,9 +52,11 @@ struct Row {
 }
 
 /// Contacts of one step, with the velocity of the body.
-pub(super) struct Solver {
+pub(super) struct Solver<'a> {
     rows: ArrayVec<Row, MAX_UNILATERAL>,
     velocity: Six,
+    /// A⁻¹.
+    inverse: &'a [Six; 6],
 }
 
 #[inline(always)]
@@ -68,18 +71,20 @@ fn add(to: &mut Six, gain: f64, from: &Six) {
     }
 }
 
-impl Solver {
+impl<'a> Solver<'a> {
     /// Prepares contacts, given the body's free velocity and the inverse of the step's matrix, for a step of
     /// `dt` (s) with a largest recovery velocity (m/s).
     pub fn new(
         contacts: &[UnilateralContact],
         free: &Twist,
-        inverse: &[Six; 6],
+        inverse: &'a [Six; 6],
         dt: f64,
         recovery: f64,
     ) -> Self {
-        let rows = contacts.iter().map(|contact| Row::new(contact, inverse, dt, recovery));
-        Self { rows: rows.take(MAX_UNILATERAL).collect(), velocity: six(free.linear, free.angular) }
+        let rows = contacts.iter().map(|contact| Row::new(contact, dt, recovery));
+        let mut rows: ArrayVec<Row, MAX_UNILATERAL> = rows.take(MAX_UNILATERAL).collect();
+        rows.iter_mut().filter(|row| row.impulse != [0.0; 3]).for_each(|row| row.prepare(inverse));
+        Self { rows, velocity: six(free.linear, free.angular), inverse }
     }
 
     /// Finds the impulses. Returns the body's velocity with them, and whether they converged.
@@ -157,7 +162,10 @@ impl Solver {
                 add(&mut self.velocity, -impulse[0], &response[0]);
             }
             match self.fastest(&active, tolerance) {
-                Some(index) => active.push(index),
+                Some(index) => {
+                    self.rows[index].prepare(self.inverse);
+                    active.push(index);
+                }
                 None => return true,
             }
         }
@@ -210,7 +218,7 @@ impl Solver {
     /// Updates the friction of all contacts once, for given normal impulses. Returns the largest change of a
     /// contact's velocity, m/s.
     fn rub(&mut self) -> f64 {
-        let Self { rows, velocity } = self;
+        let Self { rows, velocity, .. } = self;
         let mut change: f64 = 0.0;
         for row in rows {
             change = change.max(row.rub(velocity));
@@ -229,24 +237,20 @@ impl Solver {
 
 impl Row {
     #[inline(always)]
-    fn new(contact: &UnilateralContact, inverse: &[Six; 6], dt: f64, recovery: f64) -> Self {
+    fn new(contact: &UnilateralContact, dt: f64, recovery: f64) -> Self {
         let UnilateralContact { arm, normal, gap, velocity, friction, impulse } = *contact;
         let (first, second) = normal.any_orthonormal_pair();
         let axes = [normal, first, second];
         let jacobian = axes.map(|axis| six(axis, arm.cross(axis)));
         let used = if friction > 0.0 { 3 } else { 1 };
-        let mut response = [[0.0; 6]; 3];
-        for (response, row) in response.iter_mut().zip(&jacobian).take(used) {
-            *response = std::array::from_fn(|i| dot(&inverse[i], row));
-        }
-        let mobility = |axis: usize| dot(&jacobian[axis], &response[axis]);
         let along = |axis: usize| if axis < used { axes[axis].dot(impulse) } else { 0.0 };
         Self {
             axes,
             jacobian,
-            response,
-            tangent_mobility: mobility(1).max(mobility(2)),
-            compliance: COMPLIANCE * mobility(0),
+            response: [[0.0; 6]; 3],
+            is_ready: false,
+            tangent_mobility: 0.0,
+            compliance: 0.0,
             approach: normal.dot(velocity) + (gap / dt).max(-recovery),
             slide: [first.dot(velocity), second.dot(velocity)],
             friction,
@@ -254,10 +258,26 @@ impl Row {
         }
     }
 
+    /// Computes the responses.
+    #[inline(always)]
+    fn prepare(&mut self, inverse: &[Six; 6]) {
+        if self.is_ready {
+            return;
+        }
+        self.is_ready = true;
+        let used = if self.friction > 0.0 { 3 } else { 1 };
+        for (response, row) in self.response.iter_mut().zip(&self.jacobian).take(used) {
+            *response = std::array::from_fn(|i| dot(&inverse[i], row));
+        }
+        let mobility = |axis: usize| dot(&self.jacobian[axis], &self.response[axis]);
+        self.tangent_mobility = mobility(1).max(mobility(2));
+        self.compliance = COMPLIANCE * mobility(0);
+    }
+
     /// Updates friction: the impulse that stops the sliding, within the cone of the normal impulse.
     #[inline(always)]
     fn rub(&mut self, velocity: &mut Six) -> f64 {
-        if self.friction <= 0.0 {
+        if self.friction <= 0.0 || !self.is_ready {
             return 0.0;
         }
         let wanted = [1, 2].map(|axis| {

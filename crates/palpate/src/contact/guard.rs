@@ -11,13 +11,13 @@ use std::sync::Arc;
 use palpate_collide::{ObjectHandle, QuerySettings};
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
-use palpate_dynamics::{BodyState, MotionBound, MovingBody};
+use palpate_dynamics::{BodyState, MAX_UNILATERAL, MotionBound, MovingBody};
 use palpate_field::{FeatureMesh, FieldQuery, SurfacePoint};
 
 use super::ContactLoop;
 use super::assemble::counterpart;
 use super::by_fields::in_steps;
-use super::geometry::{ContactGeometry, NearObject};
+use super::geometry::{ContactGeometry, MAX_POINTS, NearObject};
 use super::guarded_point::GuardedPoint;
 use super::proxy::{LevelFinder, QueryReport};
 use crate::scene::field::new_fine_query;
@@ -39,10 +39,28 @@ const MARGIN: f64 = 7e-5;
 /// it is when it starts to move.
 const MIN_REACH: f64 = 2.0;
 
+/// Time of motion within which a step may meet a point, s: two haptic periods. With more, cells are larger than
+/// they need to be.
+const NEAR_TIME: f64 = 3e-3;
+
+/// The same for a body at rest, in tolerances d.
+const MIN_NEAR: f64 = 0.1;
+
+/// Largest number of points that near: some fewer than a step takes, since others come near until the next
+/// query.
+const MAX_NEAR: usize = 3 * MAX_UNILATERAL / 4;
+
+/// Largest number of times that cells are doubled.
+const MAX_DOUBLINGS: u32 = 8;
+
+/// Largest number of cells whose points are made, some of which come out as the same. With more, a query takes
+/// longer.
+const MAX_CELLS: usize = 2 * MAX_POINTS;
+
 /// Points that there is room for from the start.
 const RESERVED: usize = 2048;
 
-/// Start of a guarded point.
+/// A place at which a guarded point may start.
 #[derive(Clone, Copy, Debug)]
 struct Start {
     /// Position in the mesh's frame of its own body, m.
@@ -52,6 +70,10 @@ struct Start {
     distance: f64,
     /// Index of the scene object among those near.
     object: u8,
+    /// Place on the body in the hand, in its axes, m.
+    at: DVec3,
+    /// Normal out of the body in the hand, in its axes.
+    normal: DVec3,
 }
 
 /// The workspace.
@@ -59,72 +81,92 @@ struct Start {
 pub(super) struct Guard {
     /// Queries in the fields of the scene objects, by their places.
     queries: Vec<Option<FieldQuery>>,
-    starts: Starts,
+    starts: Vec<Start>,
+    /// Indices of the nearest start of each cell.
+    cells: HashMap<[i32; 5], usize>,
     points: Vec<GuardedPoint>,
 }
 
-/// Starts of guarded points: the nearest of each cell.
-#[derive(Debug, Default)]
-struct Starts {
-    all: Vec<Start>,
-    cells: HashMap<[i32; 5], usize>,
+/// Limits on the guarded points of a geometry.
+#[derive(Clone, Copy, Debug)]
+struct Limits {
+    /// Distance within which points are guarded, m.
+    reach: f64,
+    /// Edge of the smallest cells, m.
+    edge: f64,
+    /// Distance within which at most [`MAX_UNILATERAL`] points are, since a step may meet all of them, m.
+    near: f64,
 }
 
-impl Starts {
-    fn clear(&mut self) {
-        self.all.clear();
-        self.cells.clear();
-    }
-
-    /// Adds a start, in place of a further one in its cell; cells have an edge (m) where surfaces are near each
-    /// other, and are larger further away.
-    fn push(&mut self, start: Start, at: DVec3, direction: DVec3, edge: f64) {
-        let size = (start.distance / (NEAR * edge)).max(1.0).log2() as i32;
-        let [x, y, z] = (at / (edge * f64::from(1 << size.min(8)))).floor().to_array().map(|at| at as i32);
-        let axis = direction.abs().max_position();
-        let side = 2 * axis as i32 + i32::from(direction[axis] < 0.0);
-        let key = [x, y, z, side + 6 * size, 2 * i32::from(start.object) + i32::from(start.is_probe)];
-        let known = *self.cells.entry(key).or_insert(self.all.len());
-        match self.all.get_mut(known) {
-            Some(known) if known.distance <= start.distance => {}
-            Some(known) => *known = start,
-            None => self.all.push(start),
-        }
+impl Start {
+    /// The cell, with an edge (m) where surfaces are near each other, and larger further away.
+    fn cell(&self, edge: f64) -> [i32; 5] {
+        let size = ((self.distance / (NEAR * edge)).max(1.0).log2() as i32).min(8);
+        let [x, y, z] = (self.at / (edge * f64::from(1 << size))).floor().to_array().map(|at| at as i32);
+        let axis = self.normal.abs().max_position();
+        let side = 2 * axis as i32 + i32::from(self.normal[axis] < 0.0);
+        [x, y, z, side + 6 * size, 2 * i32::from(self.object) + i32::from(self.is_probe)]
     }
 }
 
 impl Guard {
     pub fn new() -> Self {
-        let cells = HashMap::with_capacity(RESERVED);
         Self {
             queries: Vec::new(),
-            starts: Starts { all: Vec::with_capacity(RESERVED), cells },
+            starts: Vec::with_capacity(RESERVED),
+            cells: HashMap::with_capacity(RESERVED),
             points: Vec::with_capacity(RESERVED),
         }
     }
 
-    /// Makes the points of the starts, the nearest first. Returns the distance of the nearest that there was
-    /// no room for, m.
-    fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, reach: f64, length: f64) -> f64 {
-        self.points.clear();
-        for &Start { home, is_probe, object, .. } in &self.starts.all {
-            let NearObject { surface, pose, .. } = &geometry.objects[usize::from(object)];
-            let (probe, scene) = ((&*geometry.probe, mesh), (&**surface, pose));
-            self.points.push(GuardedPoint::new((home, length), is_probe, object, probe, scene));
-        }
-        self.points.sort_unstable_by(|a, b| {
-            let keys = a.place_key().cmp(&b.place_key());
-            a.slack.total_cmp(&b.slack).then(keys)
-        });
-        self.points.dedup_by_key(|point| point.place_key());
-        let mut room = f64::INFINITY;
-        for point in self.points.iter().filter(|point| f64::from(point.slack) < reach) {
-            if geometry.points.try_push(*point).is_err() {
-                room = f64::from(point.slack).max(0.0);
+    /// Makes the points of the starts: one for each cell. Where surfaces lie along each other, cells are made
+    /// larger until there is room.
+    fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, limits: &Limits) {
+        let mut edge = limits.edge;
+        for _ in 0..MAX_DOUBLINGS {
+            self.choose(edge);
+            if self.cells.len() > MAX_CELLS {
+                edge *= 2.0;
+                continue;
+            }
+            self.make(geometry, mesh, limits.reach, edge);
+            let near = self.points.iter().filter(|point| f64::from(point.slack) < limits.near).count();
+            if self.points.len() <= MAX_POINTS && near <= MAX_NEAR {
                 break;
             }
+            edge *= 2.0;
         }
-        room
+        geometry.points.extend(self.points.iter().take(MAX_POINTS).copied());
+    }
+
+    /// Chooses the nearest start of each cell.
+    fn choose(&mut self, edge: f64) {
+        self.cells.clear();
+        for (index, start) in self.starts.iter().enumerate() {
+            let nearest = self.cells.entry(start.cell(edge)).or_insert(index);
+            if start.distance < self.starts[*nearest].distance {
+                *nearest = index;
+            }
+        }
+    }
+
+    /// Makes the points of the chosen starts within a reach (m), the nearest first.
+    fn make(&mut self, geometry: &ContactGeometry, mesh: &Pose, reach: f64, edge: f64) {
+        self.points.clear();
+        for &index in self.cells.values() {
+            let Start { home, is_probe, object, .. } = self.starts[index];
+            let NearObject { surface, pose, .. } = &geometry.objects[usize::from(object)];
+            let (probe, scene) = ((&*geometry.probe, mesh), (&**surface, pose));
+            let point = GuardedPoint::new((home, edge), is_probe, object, probe, scene);
+            if f64::from(point.slack) < reach {
+                self.points.push(point);
+            }
+        }
+        let order = |a: &GuardedPoint, b: &GuardedPoint| {
+            a.slack.total_cmp(&b.slack).then_with(|| a.place_key().cmp(&b.place_key()))
+        };
+        self.points.sort_unstable_by(order);
+        self.points.dedup_by_key(|point| point.place_key());
     }
 }
 
@@ -167,18 +209,20 @@ impl ContactLoop {
         guard.starts.clear();
         let mut report = QueryReport::default();
         let edge = CELL * radius;
+        let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
         let room = if self.is_by_fields() {
             let reaches = (reach, (reach + 2.0 * motion).max(reach));
-            self.start_in_fields(&mut guard, &mut geometry, (&mesh, edge), reaches, &mut report)
+            self.start_in_fields(&mut guard, &mut geometry, &mesh, reaches, &mut report)
         } else {
-            self.start_at_patches(&mut guard, &mut geometry, (&mesh, edge), reach, &mut report)
+            self.start_at_patches(&mut guard, &mut geometry, &mesh, reach, &mut report)
         };
-        let left_out = guard.fill(&mut geometry, &mesh, reach, edge);
-        geometry.bound.room = if report.refused { 0.0 } else { room.min(left_out) };
+        let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
+        guard.fill(&mut geometry, &mesh, &Limits { reach, edge, near });
+        geometry.bound.room = if report.refused { 0.0 } else { room };
         self.guard = guard;
         let events = &mut self.telemetry.events;
         events.contact_refused += u64::from(report.refused);
-        events.contact_overflow += report.dropped as u64 + u64::from(left_out.is_finite());
+        events.contact_overflow += report.dropped as u64;
         events.not_converged += report.not_converged as u64;
         Some(geometry)
     }
@@ -204,7 +248,7 @@ impl ContactLoop {
         &mut self,
         guard: &mut Guard,
         geometry: &mut ContactGeometry,
-        (mesh, edge): (&Pose, f64),
+        mesh: &Pose,
         (reach, enough): (f64, f64),
         report: &mut QueryReport,
     ) -> f64 {
@@ -237,8 +281,8 @@ impl ContactLoop {
             let index = geometry.objects.len() as u8;
             query.surface_points(first, second, |sample| {
                 let &SurfacePoint { point, is_probe, distance, on_probe, normal } = sample;
-                let start = Start { home: point.as_dvec3(), is_probe, distance, object: index };
-                starts.push(start, on_probe.as_dvec3(), normal.as_dvec3(), edge);
+                let (at, normal) = (on_probe.as_dvec3(), normal.as_dvec3());
+                starts.push(Start { home: point.as_dvec3(), is_probe, distance, object: index, at, normal });
             });
             geometry.objects.push(object);
         }
@@ -251,7 +295,7 @@ impl ContactLoop {
         &mut self,
         guard: &mut Guard,
         geometry: &mut ContactGeometry,
-        (mesh, edge): (&Pose, f64),
+        mesh: &Pose,
         reach: f64,
         report: &mut QueryReport,
     ) -> f64 {
@@ -271,11 +315,11 @@ impl ContactLoop {
             for patch in found.contacts {
                 let contact = patch.contact;
                 let on_probe = to_probe.transform_point(contact.point);
-                let direction = to_probe.transform_vector(contact.normal);
+                let (at, normal) = (on_probe, to_probe.transform_vector(contact.normal));
                 let on_scene = to_object.transform_point(contact.scene_point);
                 for (home, is_probe) in [(on_probe, true), (on_scene, false)] {
-                    let start = Start { home, is_probe, distance: -contact.depth, object: index };
-                    guard.starts.push(start, on_probe, direction, edge);
+                    let distance = -contact.depth;
+                    guard.starts.push(Start { home, is_probe, distance, object: index, at, normal });
                 }
             }
             geometry.objects.push(object);

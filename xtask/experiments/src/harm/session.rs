@@ -556,8 +556,7 @@ fn found(
     let pose = haptic.body_state().pose;
     let scale = settings.device.workspace_scale;
     let mut update = ContactUpdate::none();
-    update.model = LinearContactModel::empty(&pose, time);
-    update.time = time;
+    (update.model, update.time) = (LinearContactModel::empty(&pose, time), time);
     for plane in planes.iter().filter(|plane| (plane.there.0..plane.there.1).contains(&time)) {
         let (amplitude, frequency) = plane.swing;
         let (sine, cosine) = (std::f64::consts::TAU * frequency * time).sin_cos();

@@ -40,10 +40,10 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
             return Ok(None);
         };
         let t1 = start.elapsed();
-        let design = Design { amplitude: if conditions.encoders { 2e-5 } else { 2e-6 }, sets: 2 };
+        let design = Design { amplitude: if conditions.encoders { 2e-5 } else { 2e-6 }, sets: 1 };
         let response = multisine::measure(&mut session, &about, &design, *index as u64);
         let c = Certificate::of(&response, &handle, conditions.delay);
-        eprintln!("{} {conditions:?} {:?} {:?} {:?} {:?}", sceneries[states[*index].scenery].name, t1, start.elapsed(), c, session.haptic().telemetry().events);
+        eprintln!("{} {conditions:?} {:?} {:?} {:?} waited {} {:?} {:?}", sceneries[states[*index].scenery].name, t1, start.elapsed(), c, session.haptic().telemetry().events.waited, session.haptic().telemetry().contacts_now, session.cost());
         Ok(Some(c))
     })?;
     let rows = cases.iter().zip(&found).map(|(c, f)| row![c.0, c.1.delay, f.map_or(9.0, |f| f.least)]).collect();

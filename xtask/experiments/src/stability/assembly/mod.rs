@@ -31,7 +31,12 @@ struct Response {
 
 /// All responses. Only what a task needs differs from the default settings: friction, and the mass.
 fn responses() -> Vec<Response> {
-    vec![Response { name: "penalties", contact: ContactSettings::default() }]
+    [("penalties", palpate::settings::Response::Penalty), ("constraints", palpate::settings::Response::Constraints)]
+        .map(|(name, response)| Response {
+            name,
+            contact: ContactSettings { response, ..ContactSettings::default() },
+        })
+        .into()
 }
 
 impl Response {

@@ -139,7 +139,9 @@ impl State {
         let (mut session, mut handle) =
             Driven::start((held, scene), &specification, settings, conditions.rate, &self.start)?;
         let still = (settings.timing.engagement / PERIOD) as usize + 10;
-        (0..still).for_each(|_| drop(session.step(&handle)));
+        for _ in 0..still {
+            session.step(&handle);
+        }
         let begun = handle;
         for step in 1..=(LONGEST_WAY / PERIOD) as usize {
             let way = SPEED * PERIOD * step as f64;
@@ -147,7 +149,9 @@ impl State {
             handle = Pose::new(begun.translation + self.way.0 * way, turn * begun.rotation);
             let felt = session.step(&handle);
             if felt.force.length() + felt.torque.length() / ARM >= self.press {
-                (0..(SETTLING / PERIOD) as usize).for_each(|_| drop(session.step(&handle)));
+                for _ in 0..(SETTLING / PERIOD) as usize {
+                    session.step(&handle);
+                }
                 return Ok(Some((session, handle)));
             }
         }
