@@ -29,7 +29,6 @@ pub struct Driven {
     every: u64,
     steps: u64,
     pending: VecDeque<(u64, ContactUpdate)>,
-    cost: (f64, f64),
 }
 
 impl Driven {
@@ -51,11 +50,7 @@ impl Driven {
             .map_err(|error| error.to_string())?;
         let (haptic, contact, _) = renderer.into_loops();
         let every = (1.0 / (rate * PERIOD)).round().max(1.0) as u64;
-        Ok((Self { haptic, contact, readings, every, steps: 0, pending: VecDeque::new(), cost: (0.0, 0.0) }, handle))
-    }
-
-    pub fn cost(&self) -> (f64, f64) {
-        (self.cost.0 / (self.steps / self.every) as f64, self.cost.1 / self.steps as f64)
+        Ok((Self { haptic, contact, readings, every, steps: 0, pending: VecDeque::new() }, handle))
     }
 
     pub fn haptic(&self) -> &HapticLoop {
@@ -66,9 +61,7 @@ impl Driven {
 impl Port for Driven {
     fn step(&mut self, handle: &Pose) -> Wrench {
         if self.steps.is_multiple_of(self.every) {
-            let t = std::time::Instant::now();
             let update = self.contact.step(self.haptic.body_state(), self.steps as f64 * PERIOD);
-            self.cost.0 += t.elapsed().as_secs_f64();
             self.pending.push_back((self.steps + self.every, update));
         }
         self.steps += 1;
@@ -77,10 +70,7 @@ impl Port for Driven {
         }
         let now = self.steps as f64 * PERIOD;
         self.readings.take(handle);
-        let t = std::time::Instant::now();
-        let r = self.haptic.step(&self.readings.state(now), now, PERIOD).coupling;
-        self.cost.1 += t.elapsed().as_secs_f64();
-        r
+        self.haptic.step(&self.readings.state(now), now, PERIOD).coupling
     }
 }
 

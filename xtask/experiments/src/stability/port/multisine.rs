@@ -23,7 +23,7 @@ pub type Matrix = SMatrix<C64, 6, 6>;
 
 /// Steps of a period: the lowest frequency is that of one period, the highest odd harmonic just below half of
 /// the sampling rate.
-pub const LENGTH: usize = 400;
+pub const LENGTH: usize = 200;
 /// Periods that are measured in an experiment, after one that settles.
 const PERIODS: usize = 2;
 /// Frequency above which amplitudes fall in proportion to it, Hz: velocities are then even, as dampers need.

@@ -1,9 +1,9 @@
 //! States of contact, found by driving a session into contact.
 
-use palpate::device::{Emulation, Specification};
+use palpate::device::{Emulation, IntendedPath, Specification, Task};
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::{MetricThread, PegFit};
-use palpate::{Object, Pose, Scene};
+use palpate::{Object, Pose, Scene, Wrench, explore};
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
 
@@ -49,7 +49,7 @@ pub struct Conditions {
     pub encoders: bool,
     /// Rate of contact queries, Hz.
     pub rate: f64,
-    /// Stiffness of the coupling over what the engine chooses; `None` for the engine's own.
+    /// Stiffness of the coupling, N/m; `None` for the one that the engine chooses.
     pub stiffness: Option<f64>,
 }
 
@@ -89,20 +89,27 @@ pub fn sceneries(plan: &Plan) -> Result<Vec<Scenery>, String> {
 }
 
 /// Draws a number of states, of each scenery in turn.
-pub fn draw(count: usize) -> Vec<State> {
+///
+/// # Errors
+/// If the jaws cannot be placed.
+pub fn draw(count: usize, sceneries: &[Scenery]) -> Result<Vec<State>, String> {
     let mut rng = StdRng::seed_from_u64(5);
-    (0..count).map(|index| State::draw(index % 3, &mut rng)).collect()
+    let Scenery { held, scene, .. } = &sceneries[0];
+    let path = explore::path(Task::Press, held, scene).map_err(|error| error.to_string())?;
+    let IntendedPath::Function(mut path) = path else { return Err("a task moves".to_owned()) };
+    let above = path(0.0).0.translation;
+    Ok((0..count).map(|index| State::draw(index % 3, above, &mut rng)).collect())
 }
 
 impl State {
-    fn draw(scenery: usize, rng: &mut StdRng) -> Self {
+    fn draw(scenery: usize, above: DVec3, rng: &mut StdRng) -> Self {
         let mut part = |size: f64| rng.random_range(-size..=size);
         let any = DVec3::new(part(1.0), part(1.0), part(1.0));
         let turn = DVec3::new(part(1.0), part(1.0), part(1.0));
         let (start, way) = match scenery {
             // The jaws: from above, a little aslant and aside.
             0 => {
-                let offset = DVec3::new(part(2e-3), part(2e-3), 0.0);
+                let offset = above + DVec3::new(part(2e-3), part(2e-3), 0.0);
                 (Pose::new(offset, DQuat::from_scaled_axis(turn * 0.03)), (DVec3::NEG_Z + any * 0.3, DVec3::ZERO))
             }
             // The nut, three turns on: along the axis, aside or aslant.
@@ -122,8 +129,8 @@ impl State {
         Self { scenery, start, way: (way.0 / size, way.1 / size), press }
     }
 
-    /// Starts a session under some conditions and drives it into contact. Returns it with the handle's pose,
-    /// or nothing if there is no contact on the way.
+    /// Starts a session under some conditions and drives it into contact. Returns it with the handle's pose
+    /// and the wrench with which it is held there, or nothing if there is no contact on the way.
     ///
     /// # Errors
     /// If the session cannot start.
@@ -131,7 +138,7 @@ impl State {
         &self,
         sceneries: &[Scenery],
         conditions: &Conditions,
-    ) -> Result<Option<(Driven, Pose)>, String> {
+    ) -> Result<Option<(Driven, Pose, Wrench)>, String> {
         let Scenery { held, scene, .. } = &sceneries[self.scenery];
         let mut settings = constrained();
         settings.coupling.stiffness = conditions.stiffness;
@@ -149,10 +156,9 @@ impl State {
             handle = Pose::new(begun.translation + self.way.0 * way, turn * begun.rotation);
             let felt = session.step(&handle);
             if felt.force.length() + felt.torque.length() / ARM >= self.press {
-                for _ in 0..(SETTLING / PERIOD) as usize {
-                    session.step(&handle);
-                }
-                return Ok(Some((session, handle)));
+                let rest = (0..(SETTLING / PERIOD) as usize).map(|_| session.step(&handle)).last();
+                let felt = rest.unwrap_or(felt);
+                return Ok(Some((session, handle, Wrench::new(-felt.force, -felt.torque))));
             }
         }
         Ok(None)

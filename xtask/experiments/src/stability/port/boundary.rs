@@ -1,0 +1,236 @@
+//! The stiffest stable coupling to a body that is held by contact, against the eigenvalues of the exact
+//! discrete system (Hulin, Preusche and Hirzinger 2006; Gil, Sánchez, Hulin, Preusche and Hirzinger 2009).
+//!
+//! A handle of mass m and damping b on a soft spring obeys a linear differential equation, whose solution
+//! under a force that is held between samples, and arrives a time t_d late, is exact in matrix exponentials.
+//! With the coupling's law, K x + B v with the lagged difference v, that gives a matrix from one sample to
+//! the next. The session is stable as long as no eigenvalue of it is outside the unit circle.
+
+use std::convert::Infallible;
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::{DMatrix, Matrix3};
+use palpate::device::{Emulation, Hand, IntendedPath};
+use palpate::dynamics::{PortAxes, PortLimits, Sampling, VirtualCoupling};
+use palpate::glam::DVec3;
+use palpate::{ContactTiming, HandlePlacement, HapticRenderer, Object, Pose, Scene, Twist};
+
+use super::super::meshes;
+use super::super::metered::Metered;
+use super::driven::{PERIOD, constrained};
+
+/// Half extents of the held block and of the table, m.
+const HELD: DVec3 = DVec3::new(0.012, 0.010, 0.008);
+const TABLE: DVec3 = DVec3::new(0.06, 0.06, 0.02);
+/// Spring that pushes the handle, N/m, and its force, N.
+const PUSH_STIFFNESS: f64 = 20.0;
+const PUSH: f64 = 1.0;
+/// Disturbance: a share of the push that is missing for a time from a time on, s.
+const DISTURBANCE: f64 = 0.1;
+const DISTURBED: (f64, f64) = (1.0, 1.02);
+/// Times between which amplitudes are compared, s.
+const WINDOWS: [f64; 3] = [1.2, 1.7, 2.2];
+/// Amplitude below which a motion has died away, m, and largest ratio of amplitudes of one that decays.
+const GONE: f64 = 1e-9;
+const DECAYS: f64 = 0.99;
+/// Integration step of the device, s.
+const SUBSTEP: f64 = 1e-5;
+/// Factor on each side of the theory's limit in which the measured one is searched, and number of bisections.
+const SEARCH: f64 = 2.0;
+const HALVINGS: usize = 8;
+/// Largest relative deviation from theory.
+pub const MAX_DEVIATION: f64 = 0.05;
+
+/// A device and the coupling's damper.
+#[derive(Clone, Copy, Debug)]
+pub struct Case {
+    pub mass: f64,
+    /// Damping of the device, N·s/m, and of the coupling.
+    pub device_damping: f64,
+    pub damping: f64,
+    pub delay: f64,
+}
+
+/// A block and the table that it is pressed on.
+pub struct Table {
+    held: Object,
+    pub scene: Scene,
+}
+
+impl Table {
+    /// # Errors
+    /// If a mesh is refused.
+    pub fn new() -> Result<Self, String> {
+        let table = meshes::block("table", TABLE)?;
+        let scene = Scene::new().with(table, Pose::from_translation(DVec3::NEG_Z * TABLE.z));
+        Ok(Self { held: meshes::block("block", HELD)?, scene })
+    }
+
+    pub fn held(&self) -> &Object {
+        &self.held
+    }
+
+    /// Pose of the block a distance above the table, m.
+    pub fn above(height: f64) -> Pose {
+        Pose::from_translation(DVec3::Z * (HELD.z + height))
+    }
+}
+
+impl Case {
+    /// The stiffest stable coupling by the exact eigenvalues, N/m.
+    pub fn limit(&self) -> f64 {
+        let (mut low, mut high) = (1.0, 1e5);
+        for _ in 0..40 {
+            let middle = f64::sqrt(low * high);
+            if self.spectral_radius(middle) < 1.0 { low = middle } else { high = middle }
+        }
+        low
+    }
+
+    /// Largest modulus of an eigenvalue with a stiffness (N/m).
+    fn spectral_radius(&self, stiffness: f64) -> f64 {
+        let continuous = Matrix3::new(
+            0.0,
+            1.0,
+            0.0,
+            -PUSH_STIFFNESS / self.mass,
+            -self.device_damping / self.mass,
+            1.0 / self.mass,
+            0.0,
+            0.0,
+            0.0,
+        );
+        let over = |time: f64| (continuous * time).exp();
+        let whole = (self.delay / PERIOD + 1e-6).floor();
+        let part = (self.delay / PERIOD - whole).max(0.0);
+        let whole = whole as usize;
+        let (all, first, rest) = (over(PERIOD), over(part * PERIOD), over((1.0 - part) * PERIOD));
+        // State: x, ẋ, the last x, the last v, and the forces of the last samples, the newest first.
+        let size = 4 + whole + 1;
+        let gain = PERIOD / (self.lag(stiffness) + PERIOD);
+        let mut velocity = DMatrix::zeros(1, size);
+        velocity[0] = gain / PERIOD;
+        velocity[2] = -gain / PERIOD;
+        velocity[3] = 1.0 - gain;
+        let mut force = &velocity * -self.damping;
+        force[0] -= stiffness;
+        let mut next = DMatrix::zeros(size, size);
+        for row in 0..2 {
+            next[(row, 0)] = all[(row, 0)];
+            next[(row, 1)] = all[(row, 1)];
+            let older = rest[(row, 0)] * first[(0, 2)] + rest[(row, 1)] * first[(1, 2)];
+            next[(row, 4 + whole)] += older;
+            let newer = rest[(row, 2)];
+            if whole == 0 {
+                for column in 0..size {
+                    next[(row, column)] += newer * force[column];
+                }
+            } else {
+                next[(row, 3 + whole)] += newer;
+            }
+        }
+        next[(2, 0)] = 1.0;
+        next.row_mut(3).copy_from(&velocity);
+        next.row_mut(4).copy_from(&force);
+        for past in 1..=whole {
+            next[(4 + past, 3 + past)] = 1.0;
+        }
+        next.complex_eigenvalues().iter().map(|value| value.norm()).fold(0.0, f64::max)
+    }
+
+    /// Lag of the velocity that the engine chooses for a stiffness, s.
+    fn lag(&self, stiffness: f64) -> f64 {
+        let specification = self.emulation().specification;
+        let axes = PortAxes {
+            stiffness: specification.stiffness,
+            damping: specification.damping,
+            viscous: Some(self.device_damping),
+            friction: Some(0.0),
+            peak: specification.peak_force,
+            step: 0.0,
+        };
+        let sampling =
+            Sampling { period: PERIOD, delay: self.delay, velocity_delay: specification.velocity_delay };
+        let limits = PortLimits { translation: axes, rotation: axes, lever: 0.0, sampling };
+        let coupling = VirtualCoupling {
+            linear_stiffness: stiffness,
+            linear_damping: self.damping,
+            angular_stiffness: 0.0,
+            angular_damping: 0.0,
+            grasp: Pose::IDENTITY,
+            max_force: f64::INFINITY,
+            max_torque: f64::INFINITY,
+        };
+        let lag = limits.velocity_lags(&coupling).0;
+        if lag > 0.0 { lag } else { specification.velocity_delay }
+    }
+
+    /// The stiffest stable coupling of sessions, by bisection, N/m.
+    ///
+    /// # Errors
+    /// If a session cannot start.
+    pub fn measured(&self, table: &Table) -> Result<f64, String> {
+        let limit = self.limit();
+        let (mut low, mut high) = (limit / SEARCH, limit * SEARCH);
+        for _ in 0..HALVINGS {
+            let middle = (low * high).sqrt();
+            if self.settles(middle, table)? { low = middle } else { high = middle }
+        }
+        Ok((low * high).sqrt())
+    }
+
+    /// Whether a disturbance of the pressed handle decays.
+    fn settles(&self, stiffness: f64, table: &Table) -> Result<bool, String> {
+        let mut settings = constrained();
+        settings.coupling.stiffness = Some(stiffness);
+        settings.coupling.damping = Some(self.damping);
+        let emulation = self.emulation();
+        let place = HandlePlacement::new(&settings, table.held(), &emulation.specification);
+        let start = place.device_pose(&Table::above(1e-4));
+        let path = IntendedPath::function(move |time| {
+            let share = match time {
+                0.0 => 0.0,
+                time if (DISTURBED.0..DISTURBED.1).contains(&time) => 1.0 - DISTURBANCE,
+                _ => 1.0,
+            };
+            let drawn = DVec3::NEG_Z * (share * PUSH / PUSH_STIFFNESS);
+            (Pose { translation: start.translation + drawn, ..start }, Twist::ZERO)
+        });
+        let device = emulation.open(path).map_err(|error| error.to_string())?;
+        let (device, meter) = Metered::new(device);
+        let renderer =
+            HapticRenderer::new(table.held().clone(), table.scene.clone(), Box::new(device), settings)
+                .map_err(|error| error.to_string())?;
+        let mut ends = [(f64::INFINITY, f64::NEG_INFINITY); 2];
+        let stop = AtomicBool::new(false);
+        let Ok(_) = renderer.run_lockstep(WINDOWS[2], ContactTiming::busy(500.0), &stop, |record| {
+            let height = meter.seen().pose.translation.z;
+            for (window, ends) in ends.iter_mut().enumerate() {
+                if (WINDOWS[window]..WINDOWS[window + 1]).contains(&record.time) {
+                    *ends = (ends.0.min(height), ends.1.max(height));
+                }
+            }
+            Ok::<_, Infallible>(())
+        });
+        let [before, after] = ends.map(|(low, high)| high - low);
+        Ok(after < GONE || after < DECAYS * before)
+    }
+
+    fn emulation(&self) -> Emulation {
+        let hand = Hand {
+            stiffness: PUSH_STIFFNESS,
+            angular_stiffness: 0.3,
+            angular_damping: 0.005,
+            ..Hand::NONE
+        };
+        let mut emulation = Emulation { substep: SUBSTEP, hand, ..Emulation::default() };
+        let handle = &mut emulation.handle;
+        (handle.friction, handle.angular_friction) = (0.0, 0.0);
+        (handle.mass, handle.damping) = (self.mass, self.device_damping);
+        let specification = &mut emulation.specification;
+        (specification.encoder_step, specification.angular_encoder_step) = (0.0, 0.0);
+        specification.delay = self.delay;
+        specification.handle = Some(emulation.handle);
+        emulation
+    }
+}
