@@ -16,7 +16,8 @@ const POOLED: usize = 4;
 /// Least part of the device's damping that is left, over all frequencies and directions.
 #[derive(Clone, Copy, Debug)]
 pub struct Certificate {
-    /// Smallest eigenvalue, in units of the device's damping: 1 where the session needs none, 0 at the limit.
+    /// Smallest eigenvalue, in units of the device's damping: 1 where the session needs none, 0 at the
+    /// limit.
     pub least: f64,
     /// Its frequency, Hz, and the measurement's noise there: [`ERRORS`] standard errors.
     pub frequency: f64,
@@ -42,8 +43,13 @@ impl Certificate {
                 (frequency, least, variance / samples.len() as f64)
             })
             .collect();
-        let mut found =
-            Self { least: f64::INFINITY, frequency: 0.0, noise: 0.0, bound: f64::INFINITY, largest_noise: 0.0 };
+        let mut found = Self {
+            least: f64::INFINITY,
+            frequency: 0.0,
+            noise: 0.0,
+            bound: f64::INFINITY,
+            largest_noise: 0.0,
+        };
         for (index, &(frequency, least, _)) in lines.iter().enumerate() {
             let near = &lines[index.saturating_sub(POOLED)..(index + POOLED + 1).min(lines.len())];
             let variance = near.iter().map(|line| line.2).sum::<f64>() / near.len() as f64;
@@ -58,18 +64,24 @@ impl Certificate {
     }
 }
 
-/// Smallest eigenvalue of the mean of samples, and the variance of a sample in its direction.
+/// Smallest eigenvalue of the damping that is left, and the variance of a sample of it.
+///
+/// Noise lowers the smallest eigenvalue of a mean. So the direction is that of one half of the samples, and
+/// the value in that direction is that of the other half: on average it is never below the true smallest
+/// eigenvalue.
 fn smallest(samples: &[Matrix], frequency: f64, handle: &Handle, delay: f64) -> (f64, f64) {
-    let left = |sample: &Matrix| left(sample, frequency, handle, delay);
-    let mean = samples.iter().sum::<Matrix>() / C64::from(samples.len() as f64);
-    let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(left(&mean));
-    let index = eigenvalues.imin();
-    let direction = eigenvectors.column(index);
-    let spread: f64 = samples
-        .iter()
-        .map(|sample| ((direction.adjoint() * left(sample) * direction)[0].re - eigenvalues[index]).powi(2))
-        .sum();
-    (eigenvalues[index], spread / (samples.len() - 1) as f64)
+    let left: Vec<Matrix> = samples.iter().map(|sample| left(sample, frequency, handle, delay)).collect();
+    let (first, second) = left.split_at(left.len() / 2);
+    let mut values = Vec::with_capacity(left.len());
+    for (seen, judged) in [(first, second), (second, first)] {
+        let mean = seen.iter().sum::<Matrix>() / C64::from(seen.len() as f64);
+        let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(mean);
+        let direction = eigenvectors.column(eigenvalues.imin());
+        values.extend(judged.iter().map(|left| (direction.adjoint() * left * direction)[0].re));
+    }
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let spread: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    (mean, spread / (values.len() - 1) as f64)
 }
 
 /// The damping that is left at a frequency (Hz), in units of the device's: the matrix C of
@@ -90,6 +102,7 @@ pub fn left(response: &Matrix, frequency: f64, handle: &Handle, delay: f64) -> M
     let factor = hold * C64::from_polar(1.0, -whole * angle) * (1.0 - part + back * part);
     let needed = scaled * factor;
     let corner = 0.25 * PERIOD * PERIOD * part * (1.0 - part);
-    Matrix::identity() - (needed + needed.adjoint()) * C64::from(0.5)
+    Matrix::identity()
+        - (needed + needed.adjoint()) * C64::from(0.5)
         - scaled.adjoint() * scaled * C64::from(corner)
 }

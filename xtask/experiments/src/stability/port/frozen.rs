@@ -1,7 +1,9 @@
-//! A negative control: a contact whose force is frozen from one query to the next, as a session must not have.
+//! A negative control: a contact whose force is frozen from one query to the next, as a session must not
+//! have.
 
 use palpate::dynamics::{
-    Body, BodyState, DeviceMotion, Frame, Integrator as _, IntegratorKind, LinearContactModel, VirtualCoupling,
+    Body, BodyState, DeviceMotion, Frame, Integrator as _, IntegratorKind, LinearContactModel,
+    VirtualCoupling,
 };
 use palpate::glam::DVec3;
 use palpate::{Pose, Twist, Wrench};

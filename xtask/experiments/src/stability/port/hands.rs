@@ -55,6 +55,9 @@ pub struct Drawn {
     pub tolerance: f64,
     /// Most that it had given, J, to see that it did something.
     pub most: f64,
+    /// Least part of the heat in the device that the hand gave, once there was enough: 1 where the session
+    /// gave and took nothing, negative where a hand draws energy.
+    pub share: f64,
 }
 
 impl Drawn {
@@ -62,9 +65,9 @@ impl Drawn {
         self.least >= -self.tolerance
     }
 
-    /// Energy drawn beyond the tolerance, J; negative within it.
-    pub fn beyond(&self) -> f64 {
-        -self.least - self.tolerance
+    /// How near the hand came to drawing energy.
+    pub fn nearness(&self) -> f64 {
+        (-self.least / self.tolerance).max(-self.share)
     }
 }
 
@@ -169,22 +172,16 @@ impl Genes {
         for _ in 0..(DURATION / PERIOD) as usize {
             session.step_device();
         }
-        let Energy { least, most, .. } = account.get();
+        let Energy { least, most, share, .. } = account.get();
         let haptic = session.haptic();
         let (coupling, lags) = (haptic.coupling(), haptic.velocity_lags());
         let steps = if self.encoders() { Emulation::default().specification } else { no_steps() };
         let short = |stiffness: f64, damping: f64, lag: f64, step: f64| {
             3.0 * (stiffness + damping / (lag + PERIOD)) * step * step
         };
-        let tolerance =
-            short(coupling.linear_stiffness, coupling.linear_damping, lags.0, steps.encoder_step)
-                + short(
-                    coupling.angular_stiffness,
-                    coupling.angular_damping,
-                    lags.1,
-                    steps.angular_encoder_step,
-                );
-        Ok(Drawn { least, tolerance: tolerance + ROUNDING, most })
+        let tolerance = short(coupling.linear_stiffness, coupling.linear_damping, lags.0, steps.encoder_step)
+            + short(coupling.angular_stiffness, coupling.angular_damping, lags.1, steps.angular_encoder_step);
+        Ok(Drawn { least, tolerance: tolerance + ROUNDING, most, share })
     }
 }
 
@@ -196,12 +193,22 @@ fn no_steps() -> Specification {
 }
 
 /// Energy that a hand has given to device and session, J.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Energy {
     heat: f64,
     least: f64,
     most: f64,
+    share: f64,
 }
+
+impl Default for Energy {
+    fn default() -> Self {
+        Self { heat: 0.0, least: 0.0, most: 0.0, share: f64::INFINITY }
+    }
+}
+
+/// Heat from which the share of it counts that the hand gave, J.
+const ENOUGH: f64 = 1e-5;
 
 #[derive(Clone, Debug, Default)]
 struct Account(Arc<Mutex<Energy>>);
@@ -232,6 +239,9 @@ impl Counted {
         let given = energy.heat - self.device.work();
         energy.least = energy.least.min(given);
         energy.most = energy.most.max(given);
+        if energy.heat > ENOUGH {
+            energy.share = energy.share.min(given / energy.heat);
+        }
     }
 }
 

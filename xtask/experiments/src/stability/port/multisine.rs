@@ -83,6 +83,24 @@ pub fn measure(port: &mut dyn Port, about: &Pose, design: &Design, seed: u64) ->
     Response { samples }
 }
 
+/// The damping that takes as much energy from the motion as Coulomb friction, for a unit of friction, by
+/// translation and rotation: the mean of the speed over that of its square, s/m and s/rad.
+pub fn damping_of_friction(design: &Design) -> (f64, f64) {
+    let mut rng = StdRng::seed_from_u64(0);
+    let phases: Vec<[f64; 6]> =
+        harmonics().map(|_| std::array::from_fn(|_| rng.random_range(0.0..TAU))).collect();
+    let path = path(design, &phases, 0);
+    let over = |from: usize| {
+        let speeds = path.windows(2).map(|pair| {
+            let squares = (from..from + 3).map(|axis| (pair[1][axis] - pair[0][axis]).powi(2));
+            squares.sum::<f64>().sqrt() / PERIOD
+        });
+        let (sum, squares) = speeds.fold((0.0, 0.0), |(sum, squares), v| (sum + v, squares + v * v));
+        sum / squares
+    };
+    (over(0), over(3))
+}
+
 /// Displacements of an experiment, m and rad, over a period.
 fn path(design: &Design, phases: &[[f64; 6]], experiment: usize) -> Vec<[f64; 6]> {
     let sample = |step: usize| {

@@ -17,6 +17,9 @@ const SPEED: f64 = 0.02;
 pub const ARM: f64 = 0.02;
 /// Wrench that ends the way into contact, N: the force, with the torque at [`ARM`].
 const PRESS: (f64, f64) = (0.6, 1.2);
+/// Sceneries of the states: jaws (0) twice as often as the peg (2), and the nut (1) least, whose queries take
+/// longest.
+const ORDER: [usize; 10] = [0, 1, 2, 0, 0, 2, 0, 0, 2, 0];
 /// Time for the way, and for coming to rest after it, s.
 const LONGEST_WAY: f64 = 1.5;
 const SETTLING: f64 = 0.4;
@@ -38,6 +41,15 @@ pub struct State {
     way: (DVec3, DVec3),
     /// Wrench that ends the way, N.
     press: f64,
+}
+
+/// What the hand feels at a state with the handle at rest.
+#[derive(Clone, Copy, Debug)]
+pub struct AtRest {
+    /// Wrench with which the hand holds the handle there.
+    pub felt: Wrench,
+    /// Largest change of the force from step to step, N: 0 if the object is at rest, too.
+    pub restless: f64,
 }
 
 /// What varies between sessions at one state.
@@ -71,12 +83,11 @@ impl Conditions {
 /// If a model cannot be made.
 pub fn sceneries(plan: &Plan) -> Result<Vec<Scenery>, String> {
     let names: [&'static str; 3] = ["jaws", "nut", "peg"];
-    let jaws = if plan.quick { "@4000" } else { "" };
     plan.each("port: models", &names, |&name| {
         let model = |name: &str| Object::model(name).map_err(|error| error.to_string());
         let mesh = |name, mesh| Object::from_mesh(name, &mesh).map_err(|error| error.to_string());
         let (held, fixed) = match name {
-            "jaws" => (model(&format!("upper-jaw{jaws}"))?, model(&format!("lower-jaw{jaws}"))?),
+            "jaws" => (model("upper-jaw@4000")?, model("lower-jaw@4000")?),
             "nut" => (model("nut")?, model("bolt")?),
             _ => {
                 let fit = PegFit::LOOSE_8_MM;
@@ -88,7 +99,7 @@ pub fn sceneries(plan: &Plan) -> Result<Vec<Scenery>, String> {
     })
 }
 
-/// Draws a number of states, of each scenery in turn.
+/// Draws a number of states.
 ///
 /// # Errors
 /// If the jaws cannot be placed.
@@ -98,7 +109,7 @@ pub fn draw(count: usize, sceneries: &[Scenery]) -> Result<Vec<State>, String> {
     let path = explore::path(Task::Press, held, scene).map_err(|error| error.to_string())?;
     let IntendedPath::Function(mut path) = path else { return Err("a task moves".to_owned()) };
     let above = path(0.0).0.translation;
-    Ok((0..count).map(|index| State::draw(index % 3, above, &mut rng)).collect())
+    Ok((0..count).map(|index| State::draw(ORDER[index % ORDER.len()], above, &mut rng)).collect())
 }
 
 impl State {
@@ -110,7 +121,10 @@ impl State {
             // The jaws: from above, a little aslant and aside.
             0 => {
                 let offset = above + DVec3::new(part(2e-3), part(2e-3), 0.0);
-                (Pose::new(offset, DQuat::from_scaled_axis(turn * 0.03)), (DVec3::NEG_Z + any * 0.3, DVec3::ZERO))
+                (
+                    Pose::new(offset, DQuat::from_scaled_axis(turn * 0.03)),
+                    (DVec3::NEG_Z + any * 0.3, DVec3::ZERO),
+                )
             }
             // The nut, three turns on: along the axis, aside or aslant.
             1 => {
@@ -130,7 +144,7 @@ impl State {
     }
 
     /// Starts a session under some conditions and drives it into contact. Returns it with the handle's pose
-    /// and the wrench with which it is held there, or nothing if there is no contact on the way.
+    /// and what is felt there, or nothing if there is no contact on the way.
     ///
     /// # Errors
     /// If the session cannot start.
@@ -138,7 +152,7 @@ impl State {
         &self,
         sceneries: &[Scenery],
         conditions: &Conditions,
-    ) -> Result<Option<(Driven, Pose, Wrench)>, String> {
+    ) -> Result<Option<(Driven, Pose, AtRest)>, String> {
         let Scenery { held, scene, .. } = &sceneries[self.scenery];
         let mut settings = constrained();
         settings.coupling.stiffness = conditions.stiffness;
@@ -156,9 +170,16 @@ impl State {
             handle = Pose::new(begun.translation + self.way.0 * way, turn * begun.rotation);
             let felt = session.step(&handle);
             if felt.force.length() + felt.torque.length() / ARM >= self.press {
-                let rest = (0..(SETTLING / PERIOD) as usize).map(|_| session.step(&handle)).last();
-                let felt = rest.unwrap_or(felt);
-                return Ok(Some((session, handle, Wrench::new(-felt.force, -felt.torque))));
+                let mut last = [felt; 2];
+                let mut restless: f64 = 0.0;
+                for step in 0..(SETTLING / PERIOD) as usize {
+                    last = [last[1], session.step(&handle)];
+                    if step > (0.5 * SETTLING / PERIOD) as usize {
+                        restless = restless.max((last[1].force - last[0].force).length());
+                    }
+                }
+                let felt = Wrench::new(-last[1].force, -last[1].torque);
+                return Ok(Some((session, handle, AtRest { felt, restless })));
             }
         }
         Ok(None)
