@@ -107,7 +107,7 @@ fn states_of_contact(plan: &Plan, section: &mut Section) -> Result<(), String> {
     let cases: Vec<(State, Conditions)> = states
         .into_iter()
         .enumerate()
-        .map(|(index, state)| (state, conditions(if plan.quick { 3 - index } else { index }, state.scenery)))
+        .map(|(index, state)| (state, conditions(if plan.quick { 3 + index } else { index }, state.scenery)))
         .collect();
     let measured =
         plan.each("port: states", &cases, |(state, conditions)| measure(state, &sceneries, conditions))?;
@@ -331,7 +331,7 @@ fn limits(plan: &Plan, section: &mut Section) -> Result<(), String> {
     let (low, high) =
         ratios.iter().fold((f64::INFINITY, 0.0_f64), |(low, high), &r| (low.min(r), high.max(r)));
     section.paragraphs.push(
-        "A block is pressed on a table by a handle without friction on a soft spring, and the push falters for 20 ms. The \
+        "A ball is pressed on a table by a handle without friction on a soft spring, and the push falters for 20 ms. The \
          stiffest coupling with which the swing that follows decays is found by bisection in sessions, and compared \
          with the eigenvalues of the exact discrete system, with its delay and the lag that the engine chooses for the \
          damper."
@@ -391,7 +391,7 @@ fn search(plan: &Plan, section: &mut Section) -> Result<(), String> {
     let control = plan.each("port: control", &controls, |genes| genes.run(&table, Some(stiffness)))?;
     let caught = control.iter().filter(|drawn| !drawn.holds()).count();
     section.paragraphs.push(format!(
-        "{} hands of random mass, damping and stiffness, on random paths, press a block on a table in sessions of 0.4 s, \
+        "{} hands of random mass, damping and stiffness, on random paths, press a ball on a table in sessions of 0.4 s, \
          with random delays, encoder steps and rates of contacts. The {} that came nearest to drawing energy are then \
          changed a little, {} times each, and the better ones kept. What a hand has given to device and session may never \
          be negative, beyond the energy by which encoder steps can deceive the session at any moment: (K + B/(τ + T)) Δ² \

@@ -30,7 +30,7 @@ use super::driven::{PERIOD, constrained};
 /// Duration of a session, and of the rise of its wrench at the start, s.
 const DURATION: f64 = 0.4;
 const ENGAGEMENT: f64 = 0.02;
-/// Height of the block at the start, m.
+/// Height of the ball at the start, m.
 const HEIGHT: f64 = 5e-4;
 /// Rates of contacts, Hz.
 const RATES: [f64; 4] = [50.0, 100.0, 500.0, 1000.0];
