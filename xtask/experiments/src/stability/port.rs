@@ -65,6 +65,8 @@ const AMPLITUDE: f64 = 2e-6;
 const TOO_STIFF: f64 = 2.0;
 /// Largest change of the force from step to step while the handle is at rest, N.
 const MAX_RESTLESS: f64 = 0.01;
+/// Noise above which a state is not judged passive, in units of the device's damping.
+const MAX_NOISE: f64 = 0.5;
 /// Largest deviation of what is rendered from what is wanted.
 const MAX_RENDERED: f64 = 0.05;
 /// Numbers of hands drawn at random, of those that climb, and of the steps that they climb, in full and
@@ -271,14 +273,15 @@ fn passive(found: &[(&Conditions, &Measured)], encoders: bool) -> Verdict {
         found.iter().filter(|(at, _)| at.encoders == encoders).map(|(_, found)| *found).collect();
     let active = of.iter().filter(|found| !found.certificate.holds()).count();
     let least = of.iter().map(|found| found.certificate.bound).fold(f64::INFINITY, f64::min);
+    let noisy = of.iter().filter(|found| found.certificate.largest_noise > MAX_NOISE).count();
     let mut noises: Vec<f64> = of.iter().map(|found| found.certificate.largest_noise).collect();
     noises.sort_by(f64::total_cmp);
     let steps = if encoders { "with encoder steps and friction" } else { "without encoder steps" };
     Verdict::new(
         format!("{steps}, the smallest eigenvalue is not below minus the measurement's noise at any state"),
-        active == 0 && !of.is_empty(),
+        active == 0 && noisy == 0 && !of.is_empty(),
         format!(
-            "it is at {active} of {}; the least with its noise is {least:.3} of the device's damping; the noise is at most \
+            "it is at {active} of {}, and {noisy} are too noisy to tell; the least with its noise is {least:.3} of the device's damping; the noise is at most \
              {:.3} at half of the states, and {:.3} at all",
             of.len(),
             noises.get(noises.len() / 2).copied().unwrap_or(f64::NAN),
