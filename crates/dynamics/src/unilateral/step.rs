@@ -43,17 +43,16 @@ pub fn constrained_step(
     bound: &MotionBound,
     dt: f64,
 ) -> ConstrainedStep {
-    let ended = |step| ConstrainedStep { step, held_back: false };
     if let Some(refused) = frame.refused(state, dt) {
-        return ended(refused);
+        return refused.into();
     }
     let mut candidates = ArrayVec::new();
     let mut system = System::new(frame, state, dt, &mut candidates);
     let Some((change, active, mut status)) = system.solve() else {
-        return ended(Step::failed(state, StepFailure::Singular));
+        return Step::failed(state, StepFailure::Singular).into();
     };
     let Some(mobility) = inverse(system.assemble(active).matrix) else {
-        return ended(Step::failed(state, StepFailure::Singular));
+        return Step::failed(state, StepFailure::Singular).into();
     };
     let mobility = symmetric(&mobility);
     let free = Twist::new(state.twist.linear + change.linear, state.twist.angular + change.angular);
@@ -69,7 +68,7 @@ pub fn constrained_step(
     if step.status.failure.is_some() || !step.contact.is_finite() {
         // Impulses that are not finite would make the next step fail too.
         contacts.iter_mut().for_each(|contact| contact.impulse = DVec3::ZERO);
-        return ended(Step::failed(state, StepFailure::Overflow));
+        return Step::failed(state, StepFailure::Overflow).into();
     }
     ConstrainedStep { step, held_back }
 }

@@ -15,7 +15,6 @@ use super::in_scene::InScene;
 use super::merging::Plane;
 use super::monitor::{ContactForce, MonitorFeed};
 use super::proxy::{carried, motion_between};
-use crate::settings::Response;
 
 impl ContactLoop {
     /// Sorts the proxy's contacts, carried to the body's pose, into those within d and those that the body
@@ -30,7 +29,7 @@ impl ContactLoop {
             }
         }
         let textured = |object| self.textures.as_ref().is_some_and(|textures| textures.has(object));
-        let guarded = self.response == Response::Constraints;
+        let response = self.response;
         for found in self.proxy.contacts().filter(|found| !textured(found.object)) {
             let contact = carried(&found.contact.contact, self.proxy.pose(), &body.pose);
             let patch = PatchContact { contact, ..found.contact };
@@ -38,7 +37,7 @@ impl ContactLoop {
                 Some(moving) => moving,
                 None => (Counterpart::Still, &mut self.still),
             };
-            if guarded && !with.is_pushed() {
+            if with.is_constraint(response) {
                 continue;
             }
             if contact.depth > -tolerance {
@@ -67,7 +66,7 @@ impl ContactLoop {
             let gains = shared(&self.parameters, weight);
             let patch = ContactPatch { contact, radius };
             let with = counterpart(&self.objects, &self.scene, place);
-            if self.response == Response::Constraints && !with.is_pushed() {
+            if with.is_constraint(self.response) {
                 continue;
             }
             let count = place.map_or(1, |_| count_of(place));

@@ -13,6 +13,7 @@ use palpate_dynamics::{
 use super::merging::Merging;
 use crate::scene::SceneId;
 use crate::scene::moving::MovingObject;
+use crate::settings::Response;
 
 /// Contacts that a group has room for from the start.
 const RESERVED: usize = 512;
@@ -39,9 +40,11 @@ impl Counterpart<'_> {
         }
     }
 
-    /// Whether contacts move the object.
-    pub fn is_pushed(&self) -> bool {
-        matches!(self, Self::Moving { object, .. } if object.is_pushed())
+    /// Whether contacts with the object are constraints: those with an object that they push are penalty
+    /// contacts.
+    pub fn is_constraint(&self, response: Response) -> bool {
+        let pushed = matches!(self, Self::Moving { object, .. } if object.is_pushed());
+        response == Response::Constraints && !pushed
     }
 
     /// Gains of one of `count` contacts with the object, at a point (m) with a normal, limited to what is

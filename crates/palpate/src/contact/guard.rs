@@ -62,6 +62,8 @@ pub(super) struct Guard {
     pub starts: Vec<Start>,
     /// Indices of the nearest start of each cell.
     cells: HashMap<[i32; 5], usize>,
+    /// These indices, the nearest starts first: the order of a hash map is not reproducible.
+    chosen: Vec<usize>,
     pub patches: PatchStarts,
     points: Vec<GuardedPoint>,
 }
@@ -95,6 +97,7 @@ impl Guard {
             queries: Vec::new(),
             starts: Vec::with_capacity(RESERVED),
             cells: HashMap::with_capacity(RESERVED),
+            chosen: Vec::with_capacity(RESERVED),
             patches: PatchStarts::default(),
             points: Vec::with_capacity(RESERVED),
         }
@@ -134,8 +137,12 @@ impl Guard {
     /// Makes the points of the chosen starts within a reach (m), the nearest first.
     fn make(&mut self, geometry: &ContactGeometry, mesh: &Pose, reach: f64, edge: f64) {
         self.points.clear();
+        self.chosen.clear();
+        self.chosen.extend(self.cells.values());
+        let Self { starts, chosen, .. } = &mut *self;
+        chosen.sort_unstable_by(|&a, &b| starts[a].distance.total_cmp(&starts[b].distance).then(a.cmp(&b)));
         let frames: ArrayVec<Frames<'_>, MAX_OBJECTS> = geometry.frames(mesh);
-        for &index in self.cells.values() {
+        for &index in &self.chosen {
             let Start { home, is_probe, leash, object, .. } = self.starts[index];
             let Some(frames) = frames.get(usize::from(object)) else { continue };
             let point = GuardedPoint::new((home, leash.max(edge)), is_probe, object, frames);

@@ -1,20 +1,22 @@
 //! The step of the contact loop that finds contact geometry.
 
-use super::ContactLoop;
-use super::assemble::counterpart;
-use super::by_fields::in_steps;
-use super::geometry::{ContactGeometry, NearObject};
-use super::guard::{Guard, Limits, Start};
-use super::proxy::{LevelFinder, QueryReport};
-use crate::scene::field::new_fine_query;
-use crate::settings::Response;
+use std::sync::Arc;
+
 use arrayvec::ArrayVec;
 use palpate_collide::{ObjectHandle, QuerySettings};
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::{BodyState, MotionBound, MovingBody};
 use palpate_field::{FeatureMesh, SurfacePoint};
-use std::sync::Arc;
+
+use super::ContactLoop;
+use super::assemble::counterpart;
+use super::by_fields::in_steps;
+use super::geometry::{ContactGeometry, NearObject};
+use super::guard::{Guard, Limits, Start};
+use super::proxy::{ContactFinder as _, LevelFinder, QueryReport};
+use crate::scene::field::new_fine_query;
+use crate::settings::Response;
 
 /// Edge of the cells in each of which a point starts, in bounding radii of the body. With larger cells, local
 /// minima of the distance are missed; with smaller ones there are more points.
@@ -43,10 +45,7 @@ impl ContactLoop {
     /// Whether contacts with the object at a place are constraints. Contacts with objects that they push, and
     /// with textured ones, are penalty contacts.
     pub(super) fn is_guarded(&self, place: usize) -> bool {
-        let pushed =
-            self.objects.get(place).and_then(Option::as_ref).and_then(|object| object.moving.as_ref());
-        self.response == Response::Constraints
-            && !pushed.is_some_and(|moving| moving.0.is_pushed())
+        counterpart(&self.objects, &self.scene, Some(place)).is_constraint(self.response)
             && !self.textures.as_ref().is_some_and(|textures| textures.has(place))
     }
 
@@ -184,9 +183,9 @@ impl ContactLoop {
         reach: f64,
         report: &mut QueryReport,
     ) -> f64 {
-        let settings = QuerySettings { tolerance: reach, ..QuerySettings::new(reach) };
+        let settings = QuerySettings::new(reach);
         let mut finder = LevelFinder { scene: &mut self.scene, settings };
-        let complete = crate::contact::proxy::ContactFinder::find(&mut finder, mesh, report);
+        let complete = finder.find(mesh, report);
         let to_probe = mesh.inverse();
         let mut room = if complete { reach } else { 0.0 };
         for found in self.scene.contacts() {

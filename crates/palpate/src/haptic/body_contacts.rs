@@ -86,9 +86,8 @@ impl BodyContacts {
         if found.contacts == 0 {
             return 0.0;
         }
-        let turn = 0.5 * found.pose.rotation_vector_to(pose).length();
-        let moved = found.pose.translation.distance(pose.translation) + 2.0 * self.radius * turn.sin();
-        moved / self.max_stray
+        let from = MotionBound { from: found.pose, radius: self.radius, ..MotionBound::NONE };
+        from.displacement(pose) / self.max_stray
     }
 }
 

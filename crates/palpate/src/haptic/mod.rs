@@ -193,7 +193,6 @@ impl<T: Tool> HapticLoop<T> {
     pub(crate) fn take_model(&mut self, body: usize, update: &ContactUpdate) {
         let state = self.tool.body_state(body);
         let Some(known) = self.bodies.get_mut(body) else { return };
-
         let &ContactUpdate { ref model, time, depth, contacts, ref geometry } = update;
         let since = time - known.found.time;
         let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::MAX_DURATION) };

@@ -13,13 +13,12 @@ use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::{
     ArticulatedBody, ArticulatedFrame, ArticulatedState, Body, BodyState, GripperCoupling, Integrator as _,
-    Joint, JointLimits, LinearContactModel, PortAxes, PortLimits, Sampling, SemiImplicit, VirtualCoupling,
-    articulated_step,
+    Joint, JointLimits, PortAxes, PortLimits, Sampling, SemiImplicit, VirtualCoupling, articulated_step,
 };
 
 use super::error::ToolError;
 use super::gains::{Gains, Grasped};
-use super::{BodyLoads, Hand, Moves, Tool, ToolStep};
+use super::{BodyLoads, Hand, Moves, NO_CONTACTS, Tool, ToolStep};
 use crate::scene::object::Object;
 use crate::settings::gripper::{DEFAULT_STIFFNESS, GripperSettings};
 use crate::telemetry::hinged_record::HingedRecord;
@@ -155,8 +154,7 @@ impl Moves for Hinged {
     }
 
     fn step(&mut self, hand: &Hand, loads: &mut [BodyLoads<'_>], dt: f64) -> ToolStep {
-        static NONE: LinearContactModel = LinearContactModel::empty(&Pose::IDENTITY, f64::NAN);
-        let contacts = |body: usize| loads.get(body).map_or(&NONE, |load| load.model);
+        let contacts = |body: usize| loads.get(body).map_or(&NO_CONTACTS, |load| load.model);
         let frame = ArticulatedFrame {
             tool: &self.body,
             device: &hand.device,

@@ -84,6 +84,9 @@ pub struct Hand {
     pub gripper: GripperMotion,
 }
 
+/// Penalty contacts of a body without any.
+static NO_CONTACTS: LinearContactModel = LinearContactModel::empty(&Pose::IDENTITY, f64::NAN);
+
 /// Contacts of a body in a step.
 #[doc(hidden)]
 #[derive(Debug)]

@@ -2,14 +2,13 @@
 
 use std::sync::Arc;
 
+use palpate_core::Wrench;
 use palpate_core::glam::DVec3;
-use palpate_core::{Pose, Wrench};
 use palpate_dynamics::{
-    Body, BodyState, ConstrainedStep, Frame, Integrator, LinearContactModel, VirtualCoupling,
-    constrained_step,
+    Body, BodyState, ConstrainedStep, Frame, Integrator, VirtualCoupling, constrained_step,
 };
 
-use super::{BodyLoads, Hand, Moves, Tool, ToolStep};
+use super::{BodyLoads, Hand, Moves, NO_CONTACTS, Tool, ToolStep};
 use crate::telemetry::record::{Record, StepData};
 
 /// A tool of one rigid body, as [`HapticRenderer::new`](crate::HapticRenderer::new) holds it.
@@ -49,13 +48,12 @@ impl Moves for Rigid {
     }
 
     fn step(&mut self, hand: &Hand, loads: &mut [BodyLoads<'_>], dt: f64) -> ToolStep {
-        static NONE: LinearContactModel = LinearContactModel::empty(&Pose::IDENTITY, f64::NAN);
         let load = loads.first_mut();
         let frame = Frame {
             body: &self.body,
             device: &hand.device,
             coupling: &self.coupling,
-            contacts: load.as_ref().map_or(&NONE, |load| load.model),
+            contacts: load.as_ref().map_or(&NO_CONTACTS, |load| load.model),
             gravity: DVec3::ZERO,
         };
         let ConstrainedStep { step, held_back } = match load {
