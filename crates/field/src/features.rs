@@ -8,6 +8,7 @@
 
 use std::collections::HashMap;
 
+use arrayvec::ArrayVec;
 use glam::{DVec3, Vec3};
 use palpate_core::TriMesh;
 
@@ -32,6 +33,13 @@ const MIN_STEP: f64 = 1e-6;
 /// at touching edges push sideways.
 const MIN_DIRECTED: f64 = 1e-9;
 
+/// Smallest cosine of the angle between the normals of faces that are one: the edge between them is no
+/// feature. It allows for vertices in single precision.
+const FLAT: f64 = 1.0 - 1e-9;
+
+/// Number of long edges that are kept. With more, it takes long to find those near another body.
+const MAX_LONG: usize = 4096;
+
 /// A mesh whose features are linked to their neighbours.
 #[derive(Clone, Debug)]
 pub struct FeatureMesh {
@@ -43,6 +51,10 @@ pub struct FeatureMesh {
     edges: Vec<[u32; 2]>,
     /// Faces on both sides of the edges.
     sides: Vec<[u32; 2]>,
+    /// The longest sharp edges, the longest first, with their lengths, m.
+    long: Vec<(u32, f64)>,
+    /// Length (m) above which all sharp edges are among them.
+    complete_above: f64,
     faces_around: Lists,
     edges_around: Lists,
     exact: ExactDistance,
@@ -174,16 +186,46 @@ impl FeatureMesh {
         }
         normals.iter_mut().for_each(|normal| *normal = normal.normalize_or(DVec3::Z));
         let exact = ExactDistance::new(mesh);
-        Self {
+        let mut made = Self {
             vertices: mesh.vertices().to_vec(),
             normals,
             faces,
             edges,
             sides,
+            long: Vec::new(),
+            complete_above: 0.0,
             faces_around,
             edges_around,
             exact,
-        }
+        };
+        let mut sharp: Vec<(u32, f64)> = (0..made.edges.len() as u32)
+            .filter(|edge| made.is_sharp(*edge))
+            .map(|edge| (edge, made.length(edge)))
+            .collect();
+        sharp.sort_by(|a, b| b.1.total_cmp(&a.1));
+        made.complete_above = sharp.get(MAX_LONG).map_or(0.0, |(_, length)| *length);
+        sharp.truncate(MAX_LONG);
+        sharp.shrink_to_fit();
+        made.long = sharp;
+        made
+    }
+
+    /// Whether the surface is not flat across an edge.
+    fn is_sharp(&self, edge: u32) -> bool {
+        let [a, b] = self.sides[edge as usize];
+        b == NONE || self.faces[a as usize].normal.dot(self.faces[b as usize].normal) <= FLAT
+    }
+
+    fn length(&self, edge: u32) -> f64 {
+        let [from, to] = self.ends(edge);
+        from.distance(to)
+    }
+
+    /// The sharp edges that are longer than a length (m), or the longest of them: their indices and ends, m.
+    pub fn long_edges(&self, length: f64) -> impl Iterator<Item = (u32, [DVec3; 2])> {
+        let length = length.max(self.complete_above);
+        let long = self.long.iter().take_while(move |(_, own)| *own > length);
+        long.map(|&(edge, _)| (edge, self.ends(edge)))
     }
 
     /// Bytes of memory held.
@@ -192,6 +234,7 @@ impl FeatureMesh {
             + (self.vertices.capacity() + self.normals.capacity()) * size_of::<DVec3>()
             + self.faces.capacity() * size_of::<Face>()
             + (self.edges.capacity() + self.sides.capacity()) * size_of::<[u32; 2]>()
+            + self.long.capacity() * size_of::<(u32, f64)>()
             + self.faces_around.bytes()
             + self.edges_around.bytes()
             + self.exact.bytes()
@@ -263,9 +306,23 @@ impl FeatureMesh {
 
     /// The place on vertices and edges nearest to a point of the surface, m.
     pub fn place_near(&self, p: DVec3) -> Place {
-        let face = self.exact.nearest(p, 0).triangle;
+        self.place_on(&self.faces[self.exact.nearest(p, 0).triangle as usize].edges, p)
+    }
+
+    /// The place on vertices and sharp edges nearest to a point (m) of the surface's part that is not given
+    /// by [long edges](Self::long_edges): that of faces with a shorter sharp edge. `None` for a point of
+    /// another part.
+    pub fn place_among_short(&self, p: DVec3, length: f64) -> Option<Place> {
+        let length = length.max(self.complete_above);
+        let face = &self.faces[self.exact.nearest(p, 0).triangle as usize];
+        let sharp: ArrayVec<u32, 3> = face.edges.into_iter().filter(|edge| self.is_sharp(*edge)).collect();
+        sharp.iter().any(|edge| self.length(*edge) <= length).then(|| self.place_on(&sharp, p))
+    }
+
+    /// The place on edges nearest to a point, m.
+    fn place_on(&self, edges: &[u32], p: DVec3) -> Place {
         let mut best = (f64::INFINITY, Place::Vertex(0));
-        for &edge in &self.faces[face as usize].edges {
+        for &edge in edges {
             let place = self.on_edge(edge, self.along(edge, p));
             let squared = self.position(&place).distance_squared(p);
             if squared < best.0 {
@@ -273,6 +330,11 @@ impl FeatureMesh {
             }
         }
         best.1
+    }
+
+    /// The place of an edge at a fraction of its length, 0 to 1.
+    pub fn place_at(&self, edge: u32, at: f64) -> Place {
+        self.on_edge(edge, at)
     }
 
     /// Position of a place, m.

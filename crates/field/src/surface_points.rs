@@ -7,11 +7,14 @@ use wide::f32x4;
 
 use crate::body::FieldBody;
 use crate::query::FieldQuery;
+use crate::samples::Sample;
 use crate::selection::SelectedFour;
 
 /// A sample of one body's surface near the other body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
+    /// Its number among the samples of its own body.
+    pub sample: usize,
     /// Its position in the frame of its own body's mesh, m.
     pub point: Vec3,
     /// Whether it is on the probe's surface, or on the scene object's.
@@ -44,6 +47,7 @@ impl FieldQuery {
                 side.contacts(&points, &read, |lane, touch| {
                     let Some(&sample) = samples.get(lane) else { return };
                     to(&SurfacePoint {
+                        sample: body.samples.number(sample),
                         point: body.samples.point(sample),
                         is_probe: touch.is_probe,
                         distance: (1.0 - f64::from(touch.reach)) * tolerance,
@@ -57,6 +61,11 @@ impl FieldQuery {
 }
 
 impl FieldBody {
+    /// Number of samples of all levels.
+    pub fn samples(&self) -> usize {
+        self.samples.number(Sample { level: self.samples.levels.len() as u8, index: 0 })
+    }
+
     /// Signed distances (m) of four points in the mesh's frame (m) from the surface, and their gradients.
     /// Beyond the band they are bounds.
     pub fn distances(&self, points: [DVec3; 4]) -> [(f64, DVec3); 4] {

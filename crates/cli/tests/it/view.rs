@@ -4,10 +4,12 @@ use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use x11rb::connection::Connection as _;
-use x11rb::protocol::xproto::{BUTTON_PRESS_EVENT, BUTTON_RELEASE_EVENT, MOTION_NOTIFY_EVENT};
+use x11rb::protocol::xproto::{
+    BUTTON_PRESS_EVENT, BUTTON_RELEASE_EVENT, ConnectionExt as _, ImageFormat, MOTION_NOTIFY_EVENT,
+};
 use x11rb::protocol::xtest::ConnectionExt as _;
 
 /// Virtual display of 1280 × 800 pixels.
@@ -94,7 +96,7 @@ fn the_window_shows_a_session() {
 fn the_mouse_moves_the_hand() {
     let Some(display) = Display::open() else { return };
     let folder = tempfile::tempdir().expect("temporary folder");
-    let session = ["ellipsoid@500", "golf-ball@1000", "--seconds", "6", "--record", "r.csv"];
+    let session = ["ellipsoid@500", "golf-ball@1000", "--seconds", "12", "--record", "r.csv"];
     let child = display.view(&session, folder.path());
 
     let (pointer, screen) = x11rb::connect(Some(&display.name)).expect("the display answers");
@@ -103,7 +105,16 @@ fn the_mouse_moves_the_hand() {
         pointer.xtest_fake_input(kind, button, 0, root, x, y, 0).expect("sent").check().expect("taken");
         sleep(Duration::from_millis(50));
     };
-    sleep(Duration::from_secs(3));
+    // An empty screen is black, and a drawn window is not. Slow machines take seconds to draw it.
+    let started = Instant::now();
+    let is_drawn = || {
+        let pixel = pointer.get_image(ImageFormat::Z_PIXMAP, root, 400, 300, 1, 1, !0).expect("sent");
+        pixel.reply().is_ok_and(|pixel| pixel.data.iter().take(3).any(|value| *value != 0))
+    };
+    while !is_drawn() {
+        assert!(started.elapsed() < Duration::from_secs(60), "no window is drawn");
+        sleep(Duration::from_millis(100));
+    }
     send(MOTION_NOTIFY_EVENT, 0, 400, 300);
     send(BUTTON_PRESS_EVENT, 1, 0, 0);
     for step in 1..=10 {

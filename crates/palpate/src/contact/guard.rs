@@ -11,7 +11,7 @@ use arrayvec::ArrayVec;
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::MAX_UNILATERAL;
-use palpate_field::FieldQuery;
+use palpate_field::Place;
 
 use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS};
 use super::guarded_point::{Frames, GuardedPoint};
@@ -32,6 +32,9 @@ const MAX_DOUBLINGS: u32 = 8;
 /// takes longer.
 const MAX_CELLS: usize = 2 * MAX_POINTS;
 
+/// The same for points that near.
+const MAX_NEAR_CELLS: usize = 3 * MAX_NEAR;
+
 /// Points that there is room for from the start.
 const RESERVED: usize = 2048;
 
@@ -40,7 +43,11 @@ const RESERVED: usize = 2048;
 pub(super) struct Start {
     /// Position in the mesh's frame of its own body, m.
     pub home: DVec3,
+    /// The place on vertices and edges nearest to it, if that is known.
+    pub place: Option<Place>,
     pub is_probe: bool,
+    /// Whether it is on an edge that is guarded as such, or on any feature of a face.
+    pub is_on_edge: bool,
     /// Largest distance from there, m.
     pub leash: f64,
     /// Distance from the other surface, approximately, m.
@@ -57,8 +64,6 @@ pub(super) struct Start {
 /// The workspace.
 #[derive(Debug, Default)]
 pub(super) struct Guard {
-    /// Queries in the fields of the scene objects, by their places.
-    pub queries: Vec<Option<FieldQuery>>,
     pub starts: Vec<Start>,
     /// Indices of the nearest start of each cell.
     cells: HashMap<[i32; 5], usize>,
@@ -86,7 +91,7 @@ impl Start {
         let [x, y, z] = (self.at / (edge * f64::from(1 << size))).floor().to_array().map(|at| at as i32);
         let axis = self.direction.abs().max_position();
         let side = 2 * axis as i32 + i32::from(self.direction[axis] < 0.0);
-        let kind = 2 * i32::from(self.is_probe) + i32::from(self.leash > 0.0);
+        let kind = 2 * i32::from(self.is_probe) + i32::from(self.is_on_edge);
         [x, y, z, side + 6 * size, 4 * i32::from(self.object) + kind]
     }
 }
@@ -94,7 +99,6 @@ impl Start {
 impl Guard {
     pub fn new() -> Self {
         Self {
-            queries: Vec::new(),
             starts: Vec::with_capacity(RESERVED),
             cells: HashMap::with_capacity(RESERVED),
             chosen: Vec::with_capacity(RESERVED),
@@ -104,23 +108,31 @@ impl Guard {
     }
 
     /// Makes the points of the starts: one for each cell. Where surfaces lie along each other, cells are made
-    /// larger until there is room.
-    pub fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, limits: &Limits) {
+    /// larger until there is room. Returns the distance of the nearest point for which there is none, m, and
+    /// the number of these.
+    pub fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, limits: &Limits) -> (f64, usize) {
         let mut edge = limits.edge;
-        for _ in 0..MAX_DOUBLINGS {
+        for doubling in 0..=MAX_DOUBLINGS {
             self.choose(edge);
-            if self.cells.len() > MAX_CELLS {
-                edge *= 2.0;
-                continue;
-            }
-            self.make(geometry, mesh, limits.reach, edge);
-            let near = self.points.iter().filter(|point| f64::from(point.slack) < limits.near).count();
-            if self.points.len() <= MAX_POINTS && near <= MAX_NEAR {
-                break;
+            if doubling == MAX_DOUBLINGS || !self.are_too_many(limits.near) {
+                self.make(geometry, mesh, limits.reach, edge);
+                let near = self.points.iter().filter(|point| f64::from(point.slack) < limits.near).count();
+                if self.points.len() <= MAX_POINTS && near <= MAX_NEAR {
+                    break;
+                }
             }
             edge *= 2.0;
         }
         geometry.points.extend(self.points.iter().take(MAX_POINTS).copied());
+        let nearest = self.points.get(MAX_POINTS).map_or(f64::INFINITY, |point| point.slack.into());
+        (nearest, self.points.len().saturating_sub(MAX_POINTS))
+    }
+
+    /// Whether the chosen starts are so many that not all of their points would find room, though some of them
+    /// come out as the same.
+    fn are_too_many(&self, near: f64) -> bool {
+        let within = || self.cells.values().filter(|index| self.starts[**index].distance < near).count();
+        self.cells.len() > MAX_CELLS || within() > MAX_NEAR_CELLS
     }
 
     /// Chooses the nearest start of each cell.
@@ -143,9 +155,10 @@ impl Guard {
         chosen.sort_unstable_by(|&a, &b| starts[a].distance.total_cmp(&starts[b].distance).then(a.cmp(&b)));
         let frames: ArrayVec<Frames<'_>, MAX_OBJECTS> = geometry.frames(mesh);
         for &index in &self.chosen {
-            let Start { home, is_probe, leash, object, .. } = self.starts[index];
+            let Start { home, place, is_probe, leash, object, .. } = self.starts[index];
             let Some(frames) = frames.get(usize::from(object)) else { continue };
-            let point = GuardedPoint::new((home, leash.max(edge)), is_probe, object, frames);
+            let place = place.unwrap_or_else(|| frames.own(is_probe).place_near(home));
+            let point = GuardedPoint::new((place, leash.max(edge)), is_probe, object, frames);
             if f64::from(point.slack) < reach {
                 self.points.push(point);
             }

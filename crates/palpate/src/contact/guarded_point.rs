@@ -73,19 +73,23 @@ impl<'a> Frames<'a> {
             to_probe: affine(&to_object.inverse()),
         }
     }
+
+    /// The surface of the body in the hand, or of the scene object.
+    pub fn own(&self, is_probe: bool) -> &'a FeatureMesh {
+        if is_probe { self.probe.0 } else { self.object.0 }
+    }
 }
 
 impl GuardedPoint {
-    /// The place on the vertices and edges of a surface nearest to `home` (m, its mesh's frame). It stays
-    /// within `length` (m) of there.
-    pub fn new((home, length): (DVec3, f64), is_probe: bool, index: u8, frames: &Frames<'_>) -> Self {
+    /// A point that starts at a place and stays within `length` (m) of there.
+    pub fn new((place, length): (Place, f64), is_probe: bool, index: u8, frames: &Frames<'_>) -> Self {
         let (own, other, to_other) = if is_probe {
             (frames.probe.0, frames.object.0, &frames.to_object)
         } else {
             (frames.object.0, frames.probe.0, &frames.to_probe)
         };
-        let place = own.place_near(home);
-        let face = other.nearest(to_other.transform_point3(own.position(&place))).face;
+        let home = own.position(&place);
+        let face = other.nearest(to_other.transform_point3(home)).face;
         let leash = Leash { home: home.as_vec3(), length: length as f32 };
         let mut point = Self { place, leash, face, object: index, is_probe, stride: 1.0, slack: 0.0 };
         point.slack = point.descend(frames, MAX_FIRST_MOVES).1.distance as f32;

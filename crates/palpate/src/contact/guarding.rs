@@ -7,15 +7,15 @@ use palpate_collide::{ObjectHandle, QuerySettings};
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::{BodyState, MotionBound, MovingBody};
-use palpate_field::{FeatureMesh, SurfacePoint};
+use palpate_field::FeatureMesh;
 
 use super::ContactLoop;
 use super::assemble::counterpart;
-use super::by_fields::in_steps;
+use super::by_fields::{NearFields, in_steps};
 use super::geometry::{ContactGeometry, NearObject};
 use super::guard::{Guard, Limits, Start};
+use super::near_samples::sample_long_edges;
 use super::proxy::{ContactFinder as _, LevelFinder, QueryReport};
-use crate::scene::field::new_fine_query;
 use crate::settings::Response;
 
 /// Edge of the cells in each of which a point starts, in bounding radii of the body. With larger cells, local
@@ -30,8 +30,12 @@ const MARGIN: f64 = 7e-5;
 /// where it is when it starts to move.
 const MIN_REACH: f64 = 2.0;
 
+/// Length of long edges, in edges of cells. With more, samples of faces leave out places at which coarse
+/// meshes touch; with less, edges of fine meshes are sampled one by one.
+const LONG: f64 = 2.0;
+
 /// Time of motion within which a step may meet a point, s. With more, cells are larger than they need to be.
-const NEAR_TIME: f64 = 3e-3;
+const NEAR_TIME: f64 = 1e-3;
 
 /// The same for a body at rest, in tolerances d.
 const MIN_NEAR: f64 = 0.1;
@@ -95,17 +99,17 @@ impl ContactLoop {
         let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
         let room = if self.is_by_fields() {
             let reaches = (reach, (reach + 2.0 * motion).max(reach));
-            self.start_in_fields(&mut guard, &mut geometry, &mesh, reaches, &mut report)
+            self.start_in_fields(&mut guard, &mut geometry, (&mesh, edge), reaches, &mut report)
         } else {
             self.start_at_patches(&mut guard, &mut geometry, (&mesh, edge), reach, &mut report)
         };
         let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
-        guard.fill(&mut geometry, &mesh, &Limits { reach, edge, near });
-        geometry.bound.room = if report.refused { 0.0 } else { room };
+        let (nearest, dropped) = guard.fill(&mut geometry, &mesh, &Limits { reach, edge, near });
+        geometry.bound.room = if report.refused { 0.0 } else { room.min(nearest.max(0.0)) };
         self.guard = guard;
         let events = &mut self.telemetry.events;
         events.contact_refused += u64::from(report.refused);
-        events.contact_overflow += report.dropped as u64;
+        events.contact_overflow += (report.dropped + dropped) as u64;
         events.not_converged += report.not_converged as u64;
         Some(geometry)
     }
@@ -125,49 +129,71 @@ impl ContactLoop {
         Some(NearObject { surface, pose, motion, speed })
     }
 
-    /// Starts points at the nearest samples in fields within the first of two reaches (m). Returns how far
-    /// the body may move before it could touch something else, up to the second, m.
+    /// Starts points at the samples in fields within the first of two reaches (m), and at long edges. Returns
+    /// how far the body may move before it could touch something else, up to the second, m.
     fn start_in_fields(
         &mut self,
         guard: &mut Guard,
         geometry: &mut ContactGeometry,
-        mesh: &Pose,
+        (mesh, edge): (&Pose, f64),
         (reach, enough): (f64, f64),
         report: &mut QueryReport,
     ) -> f64 {
-        let Guard { queries, starts, .. } = guard;
+        let starts = &mut guard.starts;
         let Ok(invalid) = self.scene.find_near(mesh, enough) else {
             report.refused = true;
             return 0.0;
         };
         report.refused |= invalid > 0;
-        let mut room = enough;
+        let (mut room, long) = (enough, LONG * edge);
         let handles: ArrayVec<ObjectHandle, 64> = self.scene.near().take(64).collect();
         for handle in handles {
             let Some(object) = self.near_object(handle) else { continue };
-            let Ok(fields) = &self.by_fields else { continue };
-            let Some((probe, field)) = fields.fields(handle.place()) else { continue };
+            let Ok(fields) = &mut self.by_fields else { continue };
+            let settings = fields.needs.settings(reach);
+            let Some(NearFields { probe, scene, probe_places, samples }) = fields.near(handle.place()) else {
+                continue;
+            };
             let to_object = object.pose.inverse() * *mesh;
-            let clearance = probe.body().clearance(field.body(), &to_object, enough);
+            let clearance = probe.body().clearance(scene.body(), &to_object, enough);
             if clearance > reach || geometry.objects.is_full() {
                 room = room.min(clearance);
                 continue;
             }
             room = room.min(reach);
-            if queries.len() <= handle.place() {
-                queries.resize_with(handle.place() + 1, || None);
-            }
-            let query = queries[handle.place()].get_or_insert_with(|| new_fine_query(probe, field));
-            let settings = fields.needs.settings(reach);
-            query.run(probe.body(), field.body(), mesh, &object.pose, &settings);
-            let (first, second) = ((probe.body(), mesh), (field.body(), &object.pose));
             let index = geometry.objects.len() as u8;
-            query.surface_points(first, second, |sample| {
-                let &SurfacePoint { point, is_probe, distance, on_probe, normal } = sample;
-                let (at, direction) = (on_probe.as_dvec3(), normal.as_dvec3());
-                let home = point.as_dvec3();
-                starts.push(Start { home, is_probe, leash: 0.0, distance, object: index, at, direction });
+            let probe = (probe.body(), &*geometry.probe, mesh);
+            let scene = (scene.body(), &*object.surface, &object.pose);
+            samples.find(probe, probe_places, scene, long, &settings, |sample, place| {
+                let (at, direction) = (sample.on_probe.as_dvec3(), sample.normal.as_dvec3());
+                starts.push(Start {
+                    home: sample.point.as_dvec3(),
+                    place: Some(place),
+                    is_probe: sample.is_probe,
+                    is_on_edge: false,
+                    leash: 0.0,
+                    distance: sample.distance,
+                    object: index,
+                    at,
+                    direction,
+                });
             });
+            for (own, other, is_probe) in [(probe, scene, true), (scene, probe, false)] {
+                let to_probe = if is_probe { Pose::IDENTITY } else { to_object.inverse() };
+                sample_long_edges(own, other, (long, edge), reach, |sample| {
+                    starts.push(Start {
+                        home: sample.point,
+                        place: Some(sample.place),
+                        is_probe,
+                        is_on_edge: true,
+                        leash: 0.0,
+                        distance: sample.distance,
+                        object: index,
+                        at: to_probe.transform_point(sample.point),
+                        direction: to_probe.transform_vector(sample.along),
+                    });
+                });
+            }
             geometry.objects.push(object);
         }
         room
@@ -204,12 +230,18 @@ impl ContactLoop {
                 let contact = patch.contact;
                 let mut start = |at: DVec3, is_probe: bool, distance: f64, along: Option<DVec3>| {
                     let on_probe = to_probe.transform_point(at);
-                    let home = if is_probe { on_probe } else { to_object.transform_point(at) };
-                    let leash = if along.is_some() { (CROSSING_LEASH * edge).max(reach) } else { 0.0 };
-                    // A corner of several patches is one start.
-                    let direction = along.map_or(DVec3::Z, |along| to_probe.transform_vector(along));
-                    let at = on_probe;
-                    starts.push(Start { home, is_probe, leash, distance, object: index, at, direction });
+                    starts.push(Start {
+                        home: if is_probe { on_probe } else { to_object.transform_point(at) },
+                        place: None,
+                        is_probe,
+                        is_on_edge: along.is_some(),
+                        leash: if along.is_some() { (CROSSING_LEASH * edge).max(reach) } else { 0.0 },
+                        distance,
+                        object: index,
+                        at: on_probe,
+                        // A corner of several patches is one start.
+                        direction: along.map_or(DVec3::Z, |along| to_probe.transform_vector(along)),
+                    });
                 };
                 start(contact.point, true, -contact.depth, None);
                 start(contact.scene_point, false, -contact.depth, None);

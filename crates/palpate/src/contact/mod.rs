@@ -13,6 +13,7 @@ mod in_scene;
 mod lookahead;
 pub(crate) mod merging;
 pub(crate) mod monitor;
+mod near_samples;
 mod patch_starts;
 pub(crate) mod proxy;
 pub mod representative;

@@ -6,7 +6,7 @@ use std::fmt;
 use super::by_fields::{ByFields, FieldNeeds};
 use crate::contact::representative::FieldError;
 use crate::scene::object::Object;
-use crate::settings::{ContactSearch, Settings};
+use crate::settings::{ContactSearch, Response, Settings};
 
 /// Number of scene objects with a full workspace from the start. Those of further objects are allocated, or
 /// grow, when they are first within reach.
@@ -96,7 +96,12 @@ pub(super) fn choose(
     let why = match settings.search.method {
         ContactSearch::Levels => Some(ByLevels::AskedFor),
         _ if all().any(|object| object.texture().is_some()) => Some(ByLevels::Texture),
-        ContactSearch::Automatic if settings.detail.error > 0.0 => Some(ByLevels::Detail),
+        // Constraints are found at full resolution in any case.
+        ContactSearch::Automatic
+            if settings.detail.error > 0.0 && settings.contact.response == Response::Penalty =>
+        {
+            Some(ByLevels::Detail)
+        }
         ContactSearch::Automatic if settings.detail.query_budget.is_some() => Some(ByLevels::Budget),
         _ => None,
     };
@@ -109,7 +114,7 @@ pub(super) fn choose(
     {
         return Ok(Err(why));
     }
-    let mut fields = match ByFields::new(needs, probe, settings.search.clusters) {
+    let mut fields = match ByFields::new(needs, probe, settings.search.clusters, settings.contact.response) {
         Err(open) => return Ok(Err(ByLevels::NoField(open))),
         Ok(fields) => fields,
     };

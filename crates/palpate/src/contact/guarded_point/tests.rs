@@ -31,6 +31,11 @@ fn block(edges: DVec3) -> FeatureMesh {
     FeatureMesh::new(&mesh)
 }
 
+/// A point that starts near `home` (m, in its own frame).
+fn new((home, length): (DVec3, f64), is_probe: bool, frames: &Frames<'_>) -> GuardedPoint {
+    GuardedPoint::new((frames.own(is_probe).place_near(home), length), is_probe, 0, frames)
+}
+
 fn measure(
     point: &mut GuardedPoint,
     probe: (&FeatureMesh, &Pose),
@@ -64,7 +69,7 @@ fn crossed_edges_are_nearest_where_they_cross() {
         let own = if is_probe { &upper } else { &lower };
         let from = crossing + own.transform_vector(DVec3::X) * rng.random_range(-0.02..0.02);
         let home = own.inverse().transform_point(from);
-        let mut point = GuardedPoint::new((home, 0.05), is_probe, 0, &Frames::new(probe, object));
+        let mut point = new((home, 0.05), is_probe, &Frames::new(probe, object));
         let found = measure(&mut point, probe, object);
         let place = found.point.distance(crossing);
         // A ridge that overlaps is as deep as the faces beside the other one say, at 45°.
@@ -100,7 +105,7 @@ fn a_point_follows_the_lowest_corner_of_a_turning_box() {
         };
         let start = turned(0.0);
         let home = start.inverse().transform_point(corners(&start).expect("corners") + DVec3::X * 2e-3);
-        let mut point = GuardedPoint::new((home, 0.1), true, 0, &Frames::new((&cube, &start), (&plate, &at)));
+        let mut point = new((home, 0.1), true, &Frames::new((&cube, &start), (&plate, &at)));
         let mut place = start.inverse().transform_point(corners(&start).expect("corners"));
         // At 2 rad/s for a radian, in steps of 1 ms.
         for step in 0..=500 {
@@ -129,12 +134,8 @@ fn points_of_the_object_have_the_probes_normal() {
     let object = Pose::new(DVec3::new(0.013, -0.02, -top), up);
     let probe = Pose::from_translation(DVec3::Z * (0.005 + 1e-4));
     let tip = DVec3::splat(0.01);
-    let mut point = GuardedPoint::new(
-        (tip - DVec3::X * 2e-3, 0.01),
-        false,
-        0,
-        &Frames::new((&plate, &probe), (&cube, &object)),
-    );
+    let mut point =
+        new((tip - DVec3::X * 2e-3, 0.01), false, &Frames::new((&plate, &probe), (&cube, &object)));
     let found = measure(&mut point, (&plate, &probe), (&cube, &object));
     assert!((found.distance - 1e-4).abs() < 1e-9, "{found:?}");
     assert!(found.normal.distance(DVec3::NEG_Z) < 1e-9, "{found:?}");
