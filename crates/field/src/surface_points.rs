@@ -1,6 +1,7 @@
 //! Points of the two bodies' surfaces near each other: the places that a body must not pass, whose distances
 //! are cheap to read again at another pose.
 
+use arrayvec::ArrayVec;
 use glam::{DVec3, Vec3, Vec3A};
 use palpate_core::Pose;
 use wide::f32x4;
@@ -80,37 +81,42 @@ impl FieldBody {
     }
 
     /// A lower bound on the distance between this body and another at a relative pose (m), from spheres
-    /// around parts of this one's surface. Bounds above `enough` (m) are not refined; 0 if the surfaces
-    /// may touch.
+    /// around parts of this one's surface; at most `enough` (m), and 0 if the surfaces may touch.
     pub fn clearance(&self, other: &Self, to_other: &Pose, enough: f64) -> f64 {
         // The surface between two of the finest samples is less than their spacing from one of them.
         let gap = (f64::from(self.samples.area)).sqrt() * MAX_GAP;
-        let mut least = f64::INFINITY;
+        let mut least = enough;
         let mut read = 0;
-        let mut stack = arrayvec::ArrayVec::<(usize, usize), 64>::new();
-        stack.push((self.samples.levels.len().saturating_sub(1), 0));
-        while let Some((level, four)) = stack.pop() {
+        let mut stack = ArrayVec::<(f64, usize, usize), 128>::new();
+        stack.push((f64::NEG_INFINITY, self.samples.levels.len().saturating_sub(1), 0));
+        while let Some((bound, level, four)) = stack.pop() {
+            if bound >= least {
+                continue;
+            }
             read += 1;
             let [x, y, z, radius] = self.samples.levels[level].spheres[four].map(f32x4::to_array);
             let center = |lane: usize| Vec3::new(x[lane], y[lane], z[lane]).as_dvec3();
             let points = std::array::from_fn(|lane| to_other.transform_point(center(lane)));
+            let mut children = ArrayVec::<(f64, usize, usize), 4>::new();
             for (lane, (distance, _)) in other.distances(points).into_iter().enumerate() {
-                if radius[lane] < 0.0 {
+                let bound = distance - f64::from(radius[lane]) - gap;
+                if radius[lane] < 0.0 || bound >= least {
                     continue;
                 }
-                let bound = distance - f64::from(radius[lane]) - gap;
                 let below = 4 * four + lane;
-                let refined = bound < enough
-                    && level > 1
+                let refined = level > 1
                     && read < MAX_READ
                     && below < self.samples.levels[level - 1].spheres.len()
-                    && !stack.is_full();
+                    && stack.len() + children.len() < stack.capacity();
                 if refined {
-                    stack.push((level - 1, below));
+                    children.push((bound, level - 1, below));
                 } else {
-                    least = least.min(bound);
+                    least = bound;
                 }
             }
+            // The nearest is popped first.
+            children.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+            stack.extend(children);
         }
         least.max(0.0)
     }

@@ -253,6 +253,7 @@ fn a_thin_wall_holds_what_is_thrown_at_it() {
         let (deepest, lowest) = thrown(settings, rate, DQuat::from_scaled_axis(turn));
         println!("{search:?}, {rate} Hz, {turn}: {deepest:.1e} m, lowest {lowest}");
         assert!(deepest < OVERLAP && lowest > 0.01, "{search:?}, {rate} Hz, {turn}: {deepest} m, {lowest}");
+        assert!(lowest < 0.015, "{search:?}, {rate} Hz, {turn}: held back at {lowest}");
     }
     let (deepest, lowest) = thrown(settings(Response::Penalty, 0.2), 50.0, DQuat::from_rotation_x(0.3));
     assert!(deepest > 1e-3 && lowest < 0.0, "with penalties {deepest} m, lowest {lowest}: nothing is shown");

@@ -34,6 +34,10 @@ const MIN_REACH: f64 = 2.0;
 /// meshes touch; with less, edges of fine meshes are sampled one by one.
 const LONG: f64 = 2.0;
 
+/// Speed of the hand, m/s, at which a body that is clear of all surfaces is not held back. With more, it takes
+/// longer to find how far it is clear of them.
+const HAND_SPEED: f64 = 2.0;
+
 /// Time of motion within which a step may meet a point, s. With more, cells are larger than they need to be.
 const NEAR_TIME: f64 = 1e-3;
 
@@ -98,7 +102,8 @@ impl ContactLoop {
         let edge = CELL * radius;
         let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
         let room = if self.is_by_fields() {
-            let reaches = (reach, (reach + 2.0 * motion).max(reach));
+            let enough = reach + (2.0 * motion).max(HAND_SPEED * ahead);
+            let reaches = (reach, enough.min(self.probe.shape().max_tolerance()));
             self.start_in_fields(&mut guard, &mut geometry, (&mesh, edge), reaches, &mut report)
         } else {
             self.start_at_patches(&mut guard, &mut geometry, (&mesh, edge), reach, &mut report)
