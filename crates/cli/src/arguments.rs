@@ -460,7 +460,10 @@ impl Resolution {
         let error = self.error.map(|error| detail_error(error, probe)).transpose()?;
         let (method, representative_error) = match self.representative {
             Some(error) => (ContactSearch::Representatives, Some(error.metres(probe.bounding_radius()))),
-            None if error.is_some() => (ContactSearch::Levels, settings.search.representative_error),
+            // Constraints are found at full resolution in any case.
+            None if error.is_some() && settings.contact.response == Response::Penalty => {
+                (ContactSearch::Levels, settings.search.representative_error)
+            }
             None => (settings.search.method, settings.search.representative_error),
         };
         Ok(Settings {

@@ -101,6 +101,11 @@ impl FieldBody {
         self.error
     }
 
+    /// Centre of its bounding sphere, in the mesh's frame, m.
+    pub fn center(&self) -> DVec3 {
+        self.center
+    }
+
     /// Bounding radius, m.
     pub fn radius(&self) -> f64 {
         self.radius

@@ -81,17 +81,22 @@ impl FieldBody {
     }
 
     /// A lower bound on the distance between this body and another at a relative pose (m), from spheres
-    /// around parts of this one's surface; at most `enough` (m), and 0 if the surfaces may touch.
-    pub fn clearance(&self, other: &Self, to_other: &Pose, enough: f64) -> f64 {
+    /// around parts of this one's surface; at most `enough` (m), and 0 if the surfaces may touch. Bounds below
+    /// `least` (m) are not as large as they could be.
+    pub fn clearance(&self, other: &Self, to_other: &Pose, (least, enough): (f64, f64)) -> f64 {
         // The surface between two of the finest samples is less than their spacing from one of them.
         let gap = (f64::from(self.samples.area)).sqrt() * MAX_GAP;
-        let mut least = enough;
+        let (needed, mut least) = (least, enough);
         let mut read = 0;
         let mut stack = ArrayVec::<(f64, usize, usize), 128>::new();
         stack.push((f64::NEG_INFINITY, self.samples.levels.len().saturating_sub(1), 0));
         while let Some((bound, level, four)) = stack.pop() {
             if bound >= least {
                 continue;
+            }
+            if least < needed {
+                // Any part that was left out may be nearer still.
+                return 0.0;
             }
             read += 1;
             let [x, y, z, radius] = self.samples.levels[level].spheres[four].map(f32x4::to_array);

@@ -89,6 +89,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     if arguments.models.is_empty() {
         save(&scenes::touching_jaws()?, "touching-jaws")?;
         save(&scenes::levels_of_lower_jaw()?, "levels")?;
+        for (name, picture) in scenes::assemblies()? {
+            save(&picture, name)?;
+        }
     }
     Ok(())
 }

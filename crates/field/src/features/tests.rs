@@ -254,3 +254,52 @@ fn a_turned_mesh_descends_alike() {
         assert!((a - b).abs() < 2e-3 * mesh.bounding_sphere().radius, "round {round}: {a}, {b}");
     }
 }
+
+/// The diagonals of a box's faces are no features. Its points belong to long edges, or to the nearest of the
+/// sharp edges of their triangle.
+#[test]
+fn long_edges_and_places_on_a_box() {
+    let edges = DVec3::new(0.1, 0.05, 0.02);
+    let mesh = block(edges);
+    let features = FeatureMesh::new(&mesh);
+    let lengths =
+        |above: f64| features.long_edges(above).map(|(_, [a, b])| a.distance(b)).collect::<Vec<_>>();
+    let sorted = [[0.1; 4], [0.05; 4], [0.02; 4]].concat();
+    let close = |found: &[f64], wanted: &[f64]| {
+        found.len() == wanted.len() && found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-12)
+    };
+    assert!(close(&lengths(0.0), &sorted), "{:?}", lengths(0.0));
+    assert!(close(&lengths(0.03), &sorted[..8]), "{:?}", lengths(0.03));
+    assert!(lengths(0.2).is_empty());
+    for (edge, [from, to]) in features.long_edges(0.0) {
+        let middle = features.position(&features.place_at(edge, 0.5));
+        assert!(middle.distance(from.midpoint(to)) < 1e-9);
+        assert_eq!(features.place_at(edge, 1.0), Place::Vertex(features.edges[edge as usize][1]));
+    }
+
+    let mut rng = StdRng::seed_from_u64(0xFEAB);
+    for round in 0..300 {
+        let triangle = rng.random_range(0..12);
+        let [a, b, c] = mesh.corners(triangle);
+        let (u, v) = (rng.random_range(0.01..0.49), rng.random_range(0.01..0.49));
+        let p = a + (b - a) * u + (c - a) * v;
+        // The normal's axis is that of the face; edges along the two others bound it.
+        let axis = (b - a).cross(c - a).abs().max_position();
+        let shortest = (0..3).filter(|other| *other != axis).map(|other| edges[other]).fold(1.0, f64::min);
+        assert_eq!(features.place_among_short(p, 0.9 * shortest), None, "round {round}");
+        let place = features.place_among_short(p, 1.1 * shortest).expect("a short edge");
+        let found = features.position(&place).distance(p);
+        let apart = |from: DVec3, to: DVec3| {
+            let share = ((p - from).dot(to - from) / from.distance_squared(to)).clamp(0.0, 1.0);
+            from.lerp(to, share).distance(p)
+        };
+        // Diagonals are along two axes.
+        let sides = [(a, b), (b, c), (c, a)];
+        let is_side = |(from, to): &(DVec3, DVec3)| {
+            ((*to - *from).abs().min_element() == 0.0)
+                && (*to - *from).to_array().iter().filter(|x| x.abs() > 1e-9).count() == 1
+        };
+        let wanted = sides.iter().filter(|side| is_side(side)).map(|&(a, b)| apart(a, b)).fold(1.0, f64::min);
+        assert!((found - wanted).abs() < 1e-7, "round {round}: {found} m, not {wanted}");
+    }
+}

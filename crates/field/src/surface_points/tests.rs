@@ -81,7 +81,7 @@ fn clearance_is_below_the_distance() {
     let (mut apart, mut touching, mut near, mut over) = (0, 0, 0, 0);
     pairs(|first, second, pose, least| {
         let enough = 0.05 * first.radius;
-        let clearance = first.body.clearance(&second.body, pose, enough);
+        let clearance = first.body.clearance(&second.body, pose, (0.0, enough));
         assert!(clearance <= least.max(0.0) * (1.0 + 1e-4), "{clearance} m, but {least} m apart");
         // Negative control: the distance of the body's centre is no bound.
         let center = pose.transform_point(first.mesh.bounding_sphere().center);
@@ -101,4 +101,21 @@ fn clearance_is_below_the_distance() {
     assert!(apart > 20 && touching > 20, "{apart} apart, {touching} touching");
     assert!(over > 20, "{over} distances of centres are larger");
     assert!(near * 10 >= apart * 8, "{near} of {apart} bounds are enough");
+}
+
+/// Numbers tell the samples of a body apart, whatever their level.
+#[test]
+fn samples_have_numbers_of_their_own() {
+    let shape = Shape::new(Model::Torus, 1000);
+    let samples = &shape.body.samples;
+    let mut known = vec![false; shape.body.samples()];
+    let mut last = None;
+    for level in 0..samples.levels.len() as u8 {
+        for index in 0..4 * samples.fours(level.into()) as u32 {
+            let number = samples.number(Sample { level, index });
+            assert!(!std::mem::replace(&mut known[number], true), "level {level}, {index}: {number} again");
+            last = Some(number);
+        }
+    }
+    assert!(known.iter().all(|known| *known) && last == Some(known.len() - 1));
 }

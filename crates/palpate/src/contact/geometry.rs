@@ -38,6 +38,8 @@ const MAX_STICKING: f64 = 0.999;
 /// A scene object near the body.
 #[derive(Clone, Debug)]
 pub(crate) struct NearObject {
+    /// Place in the scene.
+    pub place: usize,
     pub surface: Arc<FeatureMesh>,
     /// Pose of its mesh's frame.
     pub pose: Pose,

@@ -1,9 +1,10 @@
 //! The contact loop's part of contacts as constraints: which points of the surfaces the haptic loop has to
 //! guard, and how far the body may move before it could touch another one.
 //!
-//! Points start at the nearest of the fields' samples in each small cell of the region of contact, or of the
-//! contacts, corners and crossing edges of patches at full resolution where there are no fields. Each
-//! descends to a local minimum of the distance between the surfaces.
+//! In fields, points start at the nearest sample in each small cell of the region of contact: samples of
+//! surfaces and of their long edges. Where there are no fields, they start at the contacts, corners and
+//! crossing edges of patches at full resolution. Each descends to a local minimum of the distance between the
+//! surfaces.
 
 use std::collections::HashMap;
 

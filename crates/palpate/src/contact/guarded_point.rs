@@ -110,6 +110,18 @@ impl GuardedPoint {
         }
     }
 
+    /// The nearest points of both surfaces, in the frames of the probe's and of the object's mesh, m.
+    pub fn ends(&self, frames: &Frames<'_>) -> [DVec3; 2] {
+        let Frames { probe, object, to_object, to_probe } = frames;
+        if self.is_probe {
+            let own = probe.0.position(&self.place);
+            [own, object.0.walk(to_object.transform_point3(own), self.face).point]
+        } else {
+            let own = object.0.position(&self.place);
+            [probe.0.walk(to_probe.transform_point3(own), self.face).point, own]
+        }
+    }
+
     /// Moves the point down, in at most so many moves. Returns its position in its own body's frame (m), and
     /// the point of the other surface nearest to it, in that body's frame.
     fn descend(&mut self, frames: &Frames<'_>, moves: u32) -> (DVec3, ClosestPoint) {

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use arrayvec::ArrayVec;
 use palpate_collide::{ObjectHandle, QuerySettings};
-use palpate_core::Pose;
 use palpate_core::glam::DVec3;
+use palpate_core::{Clod, Pose};
 use palpate_dynamics::{BodyState, MotionBound, MovingBody};
 use palpate_field::FeatureMesh;
 
@@ -72,6 +72,11 @@ impl ContactLoop {
         }
     }
 
+    /// Whether all contacts are constraints.
+    pub(crate) fn guards_only(&self) -> bool {
+        self.response == Response::Constraints && self.guards_all()
+    }
+
     /// Whether contacts with all objects are constraints.
     pub(super) fn guards_all(&self) -> bool {
         (0..self.objects.len()).all(|place| self.objects[place].is_none() || self.is_guarded(place))
@@ -131,7 +136,7 @@ impl ContactLoop {
         let radius = self.objects.get(place)?.as_ref()?.object.bounding_radius();
         let center = motion.twist.velocity_at(pose.translation);
         let speed = center.length() + motion.twist.angular.length() * radius;
-        Some(NearObject { surface, pose, motion, speed })
+        Some(NearObject { place, surface, pose, motion, speed })
     }
 
     /// Starts points at the samples in fields within the first of two reaches (m), and at long edges. Returns
@@ -160,7 +165,7 @@ impl ContactLoop {
                 continue;
             };
             let to_object = object.pose.inverse() * *mesh;
-            let clearance = probe.body().clearance(scene.body(), &to_object, enough);
+            let clearance = probe.body().clearance(scene.body(), &to_object, (reach, enough));
             if clearance > reach || geometry.objects.is_full() {
                 room = room.min(clearance);
                 continue;
@@ -252,6 +257,11 @@ impl ContactLoop {
                 start(contact.scene_point, false, -contact.depth, None);
                 let probe = (&*self.probe.clod, patch.probe_node, mesh);
                 let scene = (&*scene.object.clod, patch.scene_node, &object.pose);
+                // The contact itself stands for small patches.
+                let radius = |(clod, node, _): (&Clod, u32, &Pose)| clod.node(node).radius;
+                if radius(probe).max(radius(scene)) < edge {
+                    continue;
+                }
                 patches.find(probe, scene, &contact, reach, start);
             }
             geometry.objects.push(object);

@@ -221,10 +221,24 @@ impl ContactLoop {
         self.tune(interval);
         self.move_objects(body, time);
         let geometry = if self.response == Response::Constraints { self.guard(body, interval) } else { None };
-        if geometry.is_some() && self.guards_all() {
-            let model = LinearContactModel::empty(&body.pose, time);
-            return ContactUpdate { model, time, depth: 0.0, contacts: 0, geometry };
+        let update = if geometry.is_some() && self.guards_all() {
+            self.begin_snapshot(time);
+            ContactUpdate::new(LinearContactModel::empty(&body.pose, time), time, 0.0, 0)
+        } else {
+            self.find_penalties(body, time, interval)
+        };
+        if let Some(geometry) = &geometry {
+            self.show_guarded(geometry, &(body.pose * Pose::from_translation(-self.center_of_mass)));
         }
+        if let Some(monitored) = &mut self.monitored {
+            monitored.publish();
+        }
+        ContactUpdate { geometry, ..update }
+    }
+
+    /// Finds the contacts that are penalty contacts, for the grasped object's state at `time` (s),
+    /// `interval` (s) after the last ones.
+    fn find_penalties(&mut self, body: &BodyState, time: f64, interval: f64) -> ContactUpdate {
         let ahead = self.lookahead.horizon(interval);
         let tolerance = self.parameters.tolerance;
         let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);
@@ -251,11 +265,8 @@ impl ContactLoop {
         let events = &mut self.telemetry.events;
         events.contact_refused += u64::from(model.refused());
         events.contact_overflow += u64::from(model.overflow());
-        if let Some(monitored) = &mut self.monitored {
-            monitored.publish();
-        }
         let contacts = self.groups().map(|group| group.touching.len()).sum::<usize>() + coarse;
-        ContactUpdate { model, time, depth, contacts: contacts as u32, geometry }
+        ContactUpdate::new(model, time, depth, contacts as u32)
     }
 
     /// Moves the proxy towards a pose of the body, with contacts found within a reach (m), and counts the

@@ -3,8 +3,10 @@
 //! They go through a triple buffer, where the latest wins: the contact loop neither waits for a monitor nor
 //! allocates for one.
 
+use arrayvec::ArrayVec;
 use palpate_core::Clod;
 use palpate_core::glam::DVec3;
+use palpate_dynamics::MAX_UNILATERAL;
 
 /// Largest number of patches and of forces in a snapshot; further ones are left out.
 const CAPACITY: usize = 512;
@@ -22,7 +24,7 @@ pub struct TouchingPatches {
     pub weight: f64,
 }
 
-/// Force on the probe of a cluster of contacts, or of a textured contact.
+/// Force on the probe of a cluster of contacts, of a textured contact, or of a constraint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactForce {
     /// Point of the contact on the probe's surface, m; world axes.
@@ -30,7 +32,8 @@ pub struct ContactForce {
     /// Unit normal of the contact, out of the probe; world axes. For a textured contact, the direction in
     /// which the depth grows fastest as the probe moves.
     pub normal: DVec3,
-    /// Penalty force on the probe, N: k(δ + d) along −`normal`, without damping and friction; world axes.
+    /// Force on the probe, N; world axes. A penalty force is k(δ + d) along −`normal`, without damping and
+    /// friction; that of a constraint has its friction.
     pub force: DVec3,
     /// Penetration depth δ, m; negative where the surfaces are apart.
     pub depth: f64,
@@ -62,6 +65,12 @@ impl ContactSnapshot {
         self.forces.clear();
     }
 
+    fn copy_from(&mut self, other: &Self) {
+        self.clear(other.time);
+        self.patches.extend_from_slice(&other.patches);
+        self.forces.extend_from_slice(&other.forces);
+    }
+
     /// Adds patches, if there is room.
     pub(crate) fn add_patches(&mut self, patches: TouchingPatches) {
         if self.patches.len() < CAPACITY {
@@ -87,15 +96,38 @@ pub fn level_color(clod: &Clod, level: u32) -> [u8; 4] {
     [channel(0.0), channel(2.0), channel(4.0), 255]
 }
 
+/// Forces on the probe of the constraints of one haptic step.
+pub(crate) type ConstraintForces = ArrayVec<ContactForce, MAX_UNILATERAL>;
+
 /// Receives the contacts of a session in any thread. Made by
 /// [`HapticRenderer::contact_monitor`](crate::HapticRenderer::contact_monitor).
 #[derive(Debug)]
-pub struct ContactMonitor(triple_buffer::Output<ContactSnapshot>);
+pub struct ContactMonitor {
+    contacts: triple_buffer::Output<ContactSnapshot>,
+    /// Forces of constraints, which the haptic loop finds.
+    constraints: Option<triple_buffer::Output<ConstraintForces>>,
+    /// The latest of both.
+    latest: ContactSnapshot,
+}
 
 impl ContactMonitor {
+    fn new(contacts: triple_buffer::Output<ContactSnapshot>) -> Self {
+        Self { contacts, constraints: None, latest: ContactSnapshot::default() }
+    }
+
+    /// Also receives the forces of constraints.
+    pub(crate) fn with_constraints(self, forces: triple_buffer::Output<ConstraintForces>) -> Self {
+        Self { constraints: Some(forces), ..self }
+    }
+
     /// The latest snapshot.
     pub fn latest(&mut self) -> &ContactSnapshot {
-        self.0.read()
+        let Self { contacts, constraints, latest } = self;
+        latest.copy_from(contacts.read());
+        if let Some(constraints) = constraints {
+            constraints.read().iter().for_each(|force| latest.add_force(*force));
+        }
+        latest
     }
 }
 
@@ -110,14 +142,14 @@ pub(crate) struct MonitorFeed {
 impl MonitorFeed {
     pub fn new() -> (Self, ContactMonitor) {
         let (first, output) = triple_buffer::TripleBuffer::default().split();
-        (Self { first, others: Vec::new() }, ContactMonitor(output))
+        (Self { first, others: Vec::new() }, ContactMonitor::new(output))
     }
 
     /// Adds a monitor.
     pub fn add_monitor(&mut self) -> ContactMonitor {
         let (input, output) = triple_buffer::TripleBuffer::default().split();
         self.others.push(input);
-        ContactMonitor(output)
+        ContactMonitor::new(output)
     }
 
     /// Begins a snapshot at `time` (s).
@@ -138,9 +170,7 @@ impl MonitorFeed {
         let seen = first.input_buffer_mut();
         for other in others {
             let copy = other.input_buffer_mut();
-            copy.clear(seen.time);
-            copy.patches.extend_from_slice(&seen.patches);
-            copy.forces.extend_from_slice(&seen.forces);
+            copy.copy_from(seen);
             other.publish();
         }
         first.publish();

@@ -110,7 +110,13 @@ pub(super) fn sample_long_edges(
     let (surface, field) = (own.1, other.0);
     let to_other = other.2.inverse() * *own.2;
     let read = |points: [DVec3; 4]| field.distances(points.map(|point| to_other.transform_point(point)));
-    let mut long = surface.long_edges(long);
+    // Most edges are far from the other body's bounding sphere.
+    let center = to_other.inverse().transform_point(field.center());
+    let near = |[from, end]: &[DVec3; 2]| {
+        let most = field.radius() + 0.5 * from.distance(*end) + reach;
+        from.midpoint(*end).distance_squared(center) <= most * most
+    };
+    let mut long = surface.long_edges(long).filter(|(_, ends)| near(ends));
     loop {
         let four: ArrayVec<(u32, [DVec3; 2]), 4> = long.by_ref().take(4).collect();
         let Some(&last) = four.last() else { return };

@@ -4,11 +4,20 @@ use palpate_collide::PatchContact;
 use palpate_core::Pose;
 
 use super::ContactLoop;
+use super::geometry::ContactGeometry;
 use super::in_scene::InScene;
 use super::monitor::TouchingPatches;
 use super::proxy::ProxyContact;
+use super::touching::MAX_SHOWN;
 
 impl ContactLoop {
+    /// Begins a snapshot at a time (s).
+    pub(super) fn begin_snapshot(&mut self, time: f64) {
+        if let Some(monitored) = &mut self.monitored {
+            monitored.begin(time);
+        }
+    }
+
     /// Begins a snapshot at a time (s) with the patches that touch. For textured objects these are the coarse
     /// patches, for contacts in fields the patches at the deepest contacts.
     pub(super) fn show_patches(&mut self, time: f64) {
@@ -35,6 +44,26 @@ impl ContactLoop {
             let own = self.patches.leaf_at(&self.probe.clod, probe.transform_point(contact.point));
             let at = scene.inverse().transform_point(contact.scene_point);
             let other = self.patches.leaf_at(&object.clod, at);
+            if let (Some(probe_node), Some(scene_node)) = (own, other) {
+                snapshot.add_patches(TouchingPatches { object: id.0, probe_node, scene_node, weight: 1.0 });
+            }
+        }
+    }
+
+    /// Adds the patches at the nearest guarded points to the snapshot, with the mesh's frame at a pose.
+    pub(super) fn show_guarded(&mut self, geometry: &ContactGeometry, mesh: &Pose) {
+        let Some(monitored) = &mut self.monitored else { return };
+        let snapshot = monitored.snapshot();
+        let frames = geometry.frames(mesh);
+        // They are sorted by distance.
+        let near = geometry.points.iter().filter(|point| f64::from(point.slack) < self.parameters.tolerance);
+        for point in near.take(MAX_SHOWN) {
+            let at = usize::from(point.object);
+            let (Some(frames), Some(near)) = (frames.get(at), geometry.objects.get(at)) else { continue };
+            let Some(Some(InScene { id, object, .. })) = self.objects.get(near.place) else { continue };
+            let [on_probe, on_object] = point.ends(frames);
+            let own = self.patches.leaf_at(&self.probe.clod, on_probe);
+            let other = self.patches.leaf_at(&object.clod, on_object);
             if let (Some(probe_node), Some(scene_node)) = (own, other) {
                 snapshot.add_patches(TouchingPatches { object: id.0, probe_node, scene_node, weight: 1.0 });
             }

@@ -6,7 +6,7 @@ use palpate_core::glam::DVec3;
 use crate::contact::proxy::ProxyContact;
 
 /// Largest number of contacts in a snapshot; the deepest are kept.
-const MAX_SHOWN: usize = 16;
+pub(super) const MAX_SHOWN: usize = 16;
 
 /// Search for the patches at contacts, with its workspace.
 #[derive(Clone, Debug, Default)]

@@ -2,9 +2,11 @@
 //! found.
 
 use palpate_core::Pose;
-use palpate_dynamics::{BodyState, ContactBlend, MotionBound};
+use palpate_core::glam::DVec3;
+use palpate_dynamics::{BodyState, ContactBlend, MotionBound, UnilateralContact};
 
 use crate::contact::geometry::{ContactGeometry, StepContacts, StepMotion};
+use crate::contact::monitor::{ConstraintForces, ContactForce};
 use crate::telemetry::record::ModelData;
 
 /// Distance that a body may move from where its contact model was found: in bounding radii, and at least, in
@@ -63,6 +65,16 @@ impl BodyContacts {
         self.found.depth = self.contacts.depth;
         self.found.contacts = self.contacts.contacts.len() as u32;
         MotionBound { step: self.contacts.room, ..geometry.bound }
+    }
+
+    /// Writes the forces of the last step's constraints on the body: the step of `dt` (s) ended at a state.
+    pub fn write_constraints(&self, state: &BodyState, dt: f64, to: &mut ConstraintForces) {
+        to.clear();
+        for contact in self.contacts.contacts.iter().filter(|contact| contact.impulse != DVec3::ZERO) {
+            let UnilateralContact { arm, normal, gap, impulse, .. } = *contact;
+            let point = state.pose.translation + arm;
+            to.push(ContactForce { point, normal, force: impulse / -dt, depth: -gap });
+        }
     }
 
     /// Takes over contact geometry that was found with the body elsewhere.

@@ -33,6 +33,7 @@ use self::reactions::Reactions;
 use self::tracking::{Reading, Tracking};
 use self::workspace::{Workspace, motion_at};
 use crate::contact::ContactUpdate;
+use crate::contact::monitor::ConstraintForces;
 use crate::scene::placement::HandlePlacement;
 use crate::settings::live::{HapticTuning, Ramp};
 use crate::telemetry::HapticTelemetry;
@@ -363,6 +364,11 @@ impl<T: Tool> HapticLoop<T> {
             }
         }
         reacting.pass_on();
+        for (index, monitor) in &mut self.outputs.constraints {
+            let Some(body) = self.bodies.get(*index) else { continue };
+            body.write_constraints(&self.tool.body_state(*index), dt, monitor.input_buffer_mut());
+            monitor.publish();
+        }
         if !self.outputs.followers.is_empty() {
             let motion = self.motion();
             for follower in &mut self.outputs.followers {
@@ -382,6 +388,13 @@ impl<T: Tool> HapticLoop<T> {
     /// Opens the queue of contact forces on the scene's objects, filled from the next step on.
     pub(crate) fn reactions(&mut self) -> Reactions {
         self.outputs.reacting.open()
+    }
+
+    /// Opens a view of the forces of a body's constraints for a contact monitor.
+    pub(crate) fn constraint_monitor(&mut self, body: usize) -> triple_buffer::Output<ConstraintForces> {
+        let (input, output) = triple_buffer::triple_buffer(&ConstraintForces::new());
+        self.outputs.constraints.push((body, input));
+        output
     }
 
     /// Opens a view of the first body's motion for another session.

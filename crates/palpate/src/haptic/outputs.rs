@@ -7,6 +7,7 @@ use palpate_device::DeviceError;
 use rtrb::Consumer;
 
 use super::reactions::ReactionFeed;
+use crate::contact::monitor::ConstraintForces;
 use crate::settings::live::HapticTuning;
 
 /// Channels between the haptic loop and other threads. A clone has none of them.
@@ -18,6 +19,8 @@ pub(crate) struct Outputs {
     pub reacting: ReactionFeed,
     /// Sessions that follow the first body.
     pub followers: Vec<triple_buffer::Input<(Pose, Twist)>>,
+    /// Contact monitors of the constraints of bodies, by the bodies' indices.
+    pub constraints: Vec<(usize, triple_buffer::Input<ConstraintForces>)>,
     /// The device's first error. Only the haptic loop sets it, so that it never waits.
     pub device_error: Arc<OnceLock<DeviceError>>,
 }

@@ -315,7 +315,10 @@ impl<T: Tool> HapticRenderer<T> {
     /// Makes a monitor of the contacts of each body, for another thread while the session runs. There may be
     /// several.
     pub fn contact_monitor(&mut self) -> T::PerBody<ContactMonitor> {
-        per_body::<T, _>(self.contacts.iter_mut().map(ContactLoop::contact_monitor))
+        let Self { contacts, haptic, .. } = self;
+        per_body::<T, _>(contacts.iter_mut().enumerate().map(|(body, contact)| {
+            contact.contact_monitor().with_constraints(haptic.constraint_monitor(body))
+        }))
     }
 
     /// Editor that changes the scene from other threads while the session runs. Each call returns another

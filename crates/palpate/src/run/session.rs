@@ -384,6 +384,7 @@ impl<T: Tool> HapticRenderer<T> {
 
     fn interpolation_stage(&self) -> String {
         match self.contacts[0].error() {
+            _ if self.contacts[0].guards_only() => "off: constraints are found at full resolution".to_owned(),
             error if error > 0.0 && !self.settings().detail.interpolation => {
                 format!("off by its setting: detail is left out up to {error} m")
             }

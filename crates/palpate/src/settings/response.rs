@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Response {
     /// Surfaces do not pass one another: contacts are unilateral constraints.
+    #[default]
     Constraints,
     /// Springs and dampers push surfaces apart.
-    #[default]
     Penalty,
 }

@@ -2,10 +2,12 @@
 
 use std::collections::{BTreeSet, HashMap};
 use std::error::Error;
+use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
+use palpate::{Pose, TriMesh};
 use palpate_clod_build::{BuildOptions, build, unwatched};
-use palpate_models::Model;
+use palpate_models::{MetricThread, Model};
 use palpate_report::raster::{Camera, Item, Shading, View};
 use palpate_report::{LevelPictures, Picture, views};
 
@@ -20,6 +22,9 @@ const WHITE: [f32; 3] = [0.82, 0.82, 0.80];
 
 /// Opening angle of the jaws in the README's picture, degrees.
 const OPENING: f64 = 3.5;
+
+/// Tilt of the peg in its picture, degrees.
+const PEG_TILT: f64 = 3.0;
 
 /// Returns a colour (linear RGB, 0 to 1) that suits the model.
 pub fn color(model: Model) -> [f32; 3] {
@@ -77,6 +82,45 @@ pub fn levels_of_lower_jaw() -> Result<Picture, Box<dyn Error>> {
     let drawn: Vec<(usize, Picture)> =
         levels.into_iter().map(|level| (level, pictures.level(level))).collect();
     Ok(pictures.sheet(&drawn))
+}
+
+/// Draws a nut on its bolt and a peg that is put into its hole aslant, both cut open.
+pub fn assemblies() -> Result<[(&'static str, Picture); 2], Box<dyn Error>> {
+    let thread = MetricThread::M16;
+    let turns = 0.5 * thread.bolt_length() / thread.pitch;
+    let nut_pose = Pose::new(DVec3::Z * turns * thread.pitch, DQuat::from_rotation_z(TAU * turns));
+    let [bolt, nut] = [Model::Bolt, Model::Nut].map(|model| model.generate(model.default_triangles()));
+    let nut = opened(&nut?, &nut_pose)?;
+    let screwed = picture(&[Item::new(&bolt?, STEEL), Item::new(&nut, BRASS)], -60.0);
+
+    let tilted = Pose::new(DVec3::Z * -4e-3, DQuat::from_rotation_x(PEG_TILT.to_radians()));
+    let [peg, hole] = [Model::Peg, Model::Hole].map(|model| model.generate(model.default_triangles()));
+    let (peg, hole) = (peg?, opened(&hole?, &Pose::IDENTITY)?);
+    let Pose { translation, rotation } = tilted;
+    let inserted =
+        picture(&[Item { rotation, translation, ..Item::new(&peg, BRASS) }, Item::new(&hole, STEEL)], -60.0);
+    Ok([("nut-on-bolt", screwed), ("peg-in-hole", inserted)])
+}
+
+/// A mesh at a pose, without the quarter that faces the viewer.
+fn opened(mesh: &TriMesh, pose: &Pose) -> Result<TriMesh, Box<dyn Error>> {
+    let vertices: Vec<DVec3> = mesh.vertices().iter().map(|vertex| pose.transform_point(*vertex)).collect();
+    let is_hidden = |corners: &[u32; 3]| {
+        let middle = corners.iter().map(|corner| vertices[*corner as usize]).sum::<DVec3>() / 3.0;
+        middle.x > 0.0 && middle.y < 0.0
+    };
+    let kept = mesh.triangles().iter().filter(|corners| !is_hidden(corners)).copied().collect();
+    Ok(TriMesh::new(vertices, kept)?)
+}
+
+/// Items seen from an azimuth (degrees), from a little above.
+fn picture(items: &[Item<'_>], azimuth: f64) -> Picture {
+    let points = items.iter().flat_map(|item| {
+        item.mesh.vertices().iter().map(|vertex| item.rotation * *vertex + item.translation)
+    });
+    let points: Vec<DVec3> = points.collect();
+    let camera = Camera::fit(&points, &View::from_degrees(azimuth, 25.0), WIDTH, HEIGHT);
+    camera.render(items, Shading::Smooth)
 }
 
 /// Returns the height (m) by which the lower points can be lifted until they touch the upper ones: the
