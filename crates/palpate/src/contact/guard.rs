@@ -7,20 +7,22 @@
 //! surfaces.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use arrayvec::ArrayVec;
+use foldhash::fast::FixedState;
 use palpate_core::Pose;
-use palpate_core::glam::DVec3;
+use palpate_core::glam::{DVec3, Vec3};
 use palpate_dynamics::MAX_UNILATERAL;
-use palpate_field::Place;
+use palpate_field::{FeatureMesh, Place};
 
-use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS};
+use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, NearObject};
 use super::guarded_point::{Frames, GuardedPoint};
 use super::patch_starts::PatchStarts;
 
 /// Distance of surfaces up to which cells have that edge, as a fraction of it; twice as far they are twice as
 /// large. With less, points that are soon needed are missing; with more, there are more points.
-const NEAR: f64 = 0.25;
+const NEAR: f32 = 0.25;
 
 /// Largest number of points that near: some fewer than a step takes, since others come near until the next
 /// query.
@@ -36,30 +38,40 @@ const MAX_CELLS: usize = 2 * MAX_POINTS;
 /// The same for points that near.
 const MAX_NEAR_CELLS: usize = 3 * MAX_NEAR;
 
+/// Largest distance of a point over that of a sample in its cell, in edges of cells, with which it goes on
+/// from the last query. With less, points are searched anew that do not have to be; with more, they miss
+/// surfaces that have come nearer.
+const MAX_LATER: f32 = 0.1;
+
 /// Points that there is room for from the start.
 const RESERVED: usize = 2048;
 
 /// A place at which a guarded point may start.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Start {
-    /// Position in the mesh's frame of its own body, m.
-    pub home: DVec3,
-    /// The place on vertices and edges nearest to it, if that is known.
-    pub place: Option<Place>,
+    pub on: StartPlace,
+    /// Whether it is on the body in the hand, or on the scene object.
     pub is_probe: bool,
     /// Whether it is on an edge that is guarded as such, or on any feature of a face.
     pub is_on_edge: bool,
-    /// Largest distance from there, m.
-    pub leash: f64,
-    /// Distance from the other surface, approximately, m.
-    pub distance: f64,
     /// Index of the scene object among those near.
     pub object: u8,
+    /// Number of the axis that the normal, or the edge, is nearest to; starts nearby are told apart by it.
+    side: u8,
+    /// Largest distance from the place, m.
+    pub leash: f32,
+    /// Distance from the other surface, approximately, m.
+    pub distance: f32,
     /// Place on the body in the hand, in its axes, m.
-    pub at: DVec3,
-    /// Direction by which starts nearby are told apart, in the axes of the body in the hand: the normal out
-    /// of it, or the edge.
-    pub direction: DVec3,
+    at: Vec3,
+}
+
+/// Where a point starts on its own body.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum StartPlace {
+    Known(Place),
+    /// The nearest to a position in the mesh's frame, m.
+    Near(Vec3),
 }
 
 /// The workspace.
@@ -67,11 +79,48 @@ pub(super) struct Start {
 pub(super) struct Guard {
     pub starts: Vec<Start>,
     /// Indices of the nearest start of each cell.
-    cells: HashMap<[i32; 5], usize>,
+    cells: HashMap<u64, u32, FixedState>,
     /// These indices, the nearest starts first: the order of a hash map is not reproducible.
-    chosen: Vec<usize>,
+    chosen: Vec<u32>,
+    /// Number of times that cells were doubled in the last query.
+    doublings: u32,
     pub patches: PatchStarts,
     points: Vec<GuardedPoint>,
+    known: Known,
+}
+
+/// Points of the last query by the cells that they started in, from which those of the next one start.
+#[derive(Debug, Default)]
+struct Known {
+    points: HashMap<u64, GuardedPoint, FixedState>,
+    /// Those of this query.
+    next: HashMap<u64, GuardedPoint, FixedState>,
+    /// What they are on, and the number of times that cells were doubled.
+    objects: ArrayVec<Arc<FeatureMesh>, MAX_OBJECTS>,
+    doublings: u32,
+}
+
+impl Known {
+    fn new() -> Self {
+        let empty = || HashMap::with_capacity_and_hasher(RESERVED, FixedState::default());
+        Self { points: empty(), next: empty(), objects: ArrayVec::new(), doublings: 0 }
+    }
+
+    fn step(&mut self) {
+        std::mem::swap(&mut self.points, &mut self.next);
+        self.next.clear();
+    }
+
+    /// Forgets points that are on other objects, or started in other cells.
+    fn keep(&mut self, objects: &[NearObject], doublings: u32) {
+        let same = self.objects.len() == objects.len()
+            && self.objects.iter().zip(objects).all(|(own, near)| Arc::ptr_eq(own, &near.surface));
+        if !same || self.doublings != doublings {
+            self.points.clear();
+            self.objects = objects.iter().map(|near| Arc::clone(&near.surface)).collect();
+            self.doublings = doublings;
+        }
+    }
 }
 
 /// Limits on the guarded points of a geometry.
@@ -86,14 +135,31 @@ pub(super) struct Limits {
 }
 
 impl Start {
-    /// The cell, with an edge (m) where surfaces are near each other, and larger further away.
-    fn cell(&self, edge: f64) -> [i32; 5] {
-        let size = ((self.distance / (NEAR * edge)).max(1.0).log2() as i32).min(8);
-        let [x, y, z] = (self.at / (edge * f64::from(1 << size))).floor().to_array().map(|at| at as i32);
-        let axis = self.direction.abs().max_position();
-        let side = 2 * axis as i32 + i32::from(self.direction[axis] < 0.0);
-        let kind = 2 * i32::from(self.is_probe) + i32::from(self.is_on_edge);
-        [x, y, z, side + 6 * size, 4 * i32::from(self.object) + kind]
+    /// A start at a place near the body in the hand, at a position in its axes (m), with a direction there:
+    /// the normal out of it, or that of an edge.
+    pub fn new(
+        on: StartPlace,
+        (is_probe, is_on_edge): (bool, bool),
+        object: u8,
+        (at, direction): (DVec3, DVec3),
+        distance: f64,
+    ) -> Self {
+        let axis = direction.abs().max_position();
+        let side = 2 * axis as u8 + u8::from(direction[axis] < 0.0);
+        let (distance, at) = (distance as f32, at.as_vec3());
+        Self { on, is_probe, is_on_edge, object, side, leash: 0.0, distance, at }
+    }
+
+    /// The cell, with an edge (m) where surfaces are near each other, and larger further away. Cells that are
+    /// 4096 edges apart have the same key.
+    fn cell(&self, edge: f32) -> u64 {
+        let size = ((self.distance / (NEAR * edge)).max(1.0) as u32).ilog2().min(8);
+        let scale = 1.0 / (edge * (1 << size) as f32);
+        let [x, y, z] = (self.at * scale).floor().to_array().map(|at| (at as i32 & 0xFFF) as u64);
+        let kind = u64::from(self.is_probe) | u64::from(self.is_on_edge) << 1;
+        let others =
+            [(u64::from(self.side), 3), (u64::from(size), 4), (kind, 2), (u64::from(self.object), 8)];
+        others.iter().fold(x << 24 | y << 12 | z, |key, (part, bits)| key << bits | part)
     }
 }
 
@@ -101,10 +167,12 @@ impl Guard {
     pub fn new() -> Self {
         Self {
             starts: Vec::with_capacity(RESERVED),
-            cells: HashMap::with_capacity(RESERVED),
+            cells: HashMap::with_capacity_and_hasher(RESERVED, FixedState::default()),
+            doublings: 0,
             chosen: Vec::with_capacity(RESERVED),
             patches: PatchStarts::default(),
             points: Vec::with_capacity(RESERVED),
+            known: Known::new(),
         }
     }
 
@@ -112,17 +180,26 @@ impl Guard {
     /// larger until there is room. Returns the distance of the nearest point for which there is none, m, and
     /// the number of these.
     pub fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, limits: &Limits) -> (f64, usize) {
-        let mut edge = limits.edge;
-        for doubling in 0..=MAX_DOUBLINGS {
-            self.choose(edge);
-            if doubling == MAX_DOUBLINGS || !self.are_too_many(limits.near) {
+        // Bodies move little between queries. Cells are halved again where their points are sure to fit.
+        while self.doublings > 0 {
+            self.choose((limits.edge * f64::from(1 << (self.doublings - 1))) as f32);
+            if self.cells.len() > MAX_POINTS || self.near_cells(limits.near) > MAX_NEAR {
+                break;
+            }
+            self.doublings -= 1;
+        }
+        loop {
+            let edge = limits.edge * f64::from(1 << self.doublings);
+            self.choose(edge as f32);
+            let is_last = self.doublings == MAX_DOUBLINGS;
+            if is_last || !self.are_too_many(limits.near) {
                 self.make(geometry, mesh, limits.reach, edge);
                 let near = self.points.iter().filter(|point| f64::from(point.slack) < limits.near).count();
-                if self.points.len() <= MAX_POINTS && near <= MAX_NEAR {
+                if is_last || (self.points.len() <= MAX_POINTS && near <= MAX_NEAR) {
                     break;
                 }
             }
-            edge *= 2.0;
+            self.doublings += 1;
         }
         geometry.points.extend(self.points.iter().take(MAX_POINTS).copied());
         let nearest = self.points.get(MAX_POINTS).map_or(f64::INFINITY, |point| point.slack.into());
@@ -132,17 +209,22 @@ impl Guard {
     /// Whether the chosen starts are so many that not all of their points would find room, though some of them
     /// come out as the same.
     fn are_too_many(&self, near: f64) -> bool {
-        let within = || self.cells.values().filter(|index| self.starts[**index].distance < near).count();
-        self.cells.len() > MAX_CELLS || within() > MAX_NEAR_CELLS
+        self.cells.len() > MAX_CELLS || self.near_cells(near) > MAX_NEAR_CELLS
+    }
+
+    /// Number of chosen starts within a distance (m).
+    fn near_cells(&self, near: f64) -> usize {
+        let near = near as f32;
+        self.cells.values().filter(|index| self.starts[**index as usize].distance < near).count()
     }
 
     /// Chooses the nearest start of each cell.
-    fn choose(&mut self, edge: f64) {
+    fn choose(&mut self, edge: f32) {
         self.cells.clear();
         for (index, start) in self.starts.iter().enumerate() {
-            let nearest = self.cells.entry(start.cell(edge)).or_insert(index);
-            if start.distance < self.starts[*nearest].distance {
-                *nearest = index;
+            let nearest = self.cells.entry(start.cell(edge)).or_insert(index as u32);
+            if start.distance < self.starts[*nearest as usize].distance {
+                *nearest = index as u32;
             }
         }
     }
@@ -152,18 +234,33 @@ impl Guard {
         self.points.clear();
         self.chosen.clear();
         self.chosen.extend(self.cells.values());
-        let Self { starts, chosen, .. } = &mut *self;
-        chosen.sort_unstable_by(|&a, &b| starts[a].distance.total_cmp(&starts[b].distance).then(a.cmp(&b)));
+        self.known.keep(&geometry.objects, self.doublings);
+        let Self { starts, chosen, known, points, .. } = &mut *self;
+        let distance = |index: u32| starts[index as usize].distance;
+        chosen.sort_unstable_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)));
         let frames: ArrayVec<Frames<'_>, MAX_OBJECTS> = geometry.frames(mesh);
-        for &index in &self.chosen {
-            let Start { home, place, is_probe, leash, object, .. } = self.starts[index];
+        let later = f64::from(MAX_LATER) * edge;
+        for &index in chosen.iter() {
+            let start = starts[index as usize];
+            let Start { on, is_probe, leash, object, .. } = start;
             let Some(frames) = frames.get(usize::from(object)) else { continue };
-            let place = place.unwrap_or_else(|| frames.own(is_probe).place_near(home));
-            let point = GuardedPoint::new((place, leash.max(edge)), is_probe, object, frames);
+            let place = match on {
+                StartPlace::Known(place) => place,
+                StartPlace::Near(home) => frames.own(is_probe).place_near(home.as_dvec3()),
+            };
+            let within = (place, edge.max(leash.into()));
+            let key = start.cell(edge as f32);
+            let before = known.points.get(&key).and_then(|known| known.resumed(within, frames));
+            // It may have gone on to where a surface is no longer the nearest.
+            let point = before
+                .filter(|point| f64::from(point.slack) < f64::from(start.distance) + later)
+                .unwrap_or_else(|| GuardedPoint::new(within, is_probe, object, frames));
             if f64::from(point.slack) < reach {
-                self.points.push(point);
+                points.push(point);
+                known.next.insert(key, point);
             }
         }
+        known.step();
         let order = |a: &GuardedPoint, b: &GuardedPoint| {
             a.slack.total_cmp(&b.slack).then_with(|| a.place_key().cmp(&b.place_key()))
         };

@@ -96,6 +96,20 @@ impl GuardedPoint {
         point
     }
 
+    /// The point of an earlier query at new poses, within `length` (m) of another place on the same surface;
+    /// `None` if it is not there.
+    pub fn resumed(&self, (home, length): (Place, f64), frames: &Frames<'_>) -> Option<Self> {
+        let own = frames.own(self.is_probe);
+        let home = own.position(&home);
+        if own.position(&self.place).distance_squared(home) > length * length {
+            return None;
+        }
+        let mut point = *self;
+        point.leash = Leash { home: home.as_vec3(), length: length as f32 };
+        point.slack = point.descend(frames, MAX_FIRST_MOVES).1.distance as f32;
+        Some(point)
+    }
+
     /// Moves the point to where its surface is nearest to the other one, and measures it.
     pub fn measure(&mut self, frames: &Frames<'_>) -> Measured {
         let (position, closest) = self.descend(frames, MAX_MOVES);

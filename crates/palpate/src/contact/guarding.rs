@@ -13,7 +13,7 @@ use super::ContactLoop;
 use super::assemble::counterpart;
 use super::by_fields::{NearFields, in_steps};
 use super::geometry::{ContactGeometry, NearObject};
-use super::guard::{Guard, Limits, Start};
+use super::guard::{Guard, Limits, Start, StartPlace};
 use super::near_samples::sample_long_edges;
 use super::proxy::{ContactFinder as _, LevelFinder, QueryReport};
 use crate::settings::Response;
@@ -175,33 +175,18 @@ impl ContactLoop {
             let probe = (probe.body(), &*geometry.probe, mesh);
             let scene = (scene.body(), &*object.surface, &object.pose);
             samples.find(probe, probe_places, scene, long, &settings, |sample, place| {
+                let on = StartPlace::Known(place);
                 let (at, direction) = (sample.on_probe.as_dvec3(), sample.normal.as_dvec3());
-                starts.push(Start {
-                    home: sample.point.as_dvec3(),
-                    place: Some(place),
-                    is_probe: sample.is_probe,
-                    is_on_edge: false,
-                    leash: 0.0,
-                    distance: sample.distance,
-                    object: index,
-                    at,
-                    direction,
-                });
+                let (is_probe, distance) = (sample.is_probe, sample.distance);
+                starts.push(Start::new(on, (is_probe, false), index, (at, direction), distance));
             });
             for (own, other, is_probe) in [(probe, scene, true), (scene, probe, false)] {
                 let to_probe = if is_probe { Pose::IDENTITY } else { to_object.inverse() };
                 sample_long_edges(own, other, (long, edge), reach, |sample| {
-                    starts.push(Start {
-                        home: sample.point,
-                        place: Some(sample.place),
-                        is_probe,
-                        is_on_edge: true,
-                        leash: 0.0,
-                        distance: sample.distance,
-                        object: index,
-                        at: to_probe.transform_point(sample.point),
-                        direction: to_probe.transform_vector(sample.along),
-                    });
+                    let on = StartPlace::Known(sample.place);
+                    let at = to_probe.transform_point(sample.point);
+                    let along = to_probe.transform_vector(sample.along);
+                    starts.push(Start::new(on, (is_probe, true), index, (at, along), sample.distance));
                 });
             }
             geometry.objects.push(object);
@@ -240,18 +225,16 @@ impl ContactLoop {
                 let contact = patch.contact;
                 let mut start = |at: DVec3, is_probe: bool, distance: f64, along: Option<DVec3>| {
                     let on_probe = to_probe.transform_point(at);
-                    starts.push(Start {
-                        home: if is_probe { on_probe } else { to_object.transform_point(at) },
-                        place: None,
-                        is_probe,
-                        is_on_edge: along.is_some(),
-                        leash: if along.is_some() { (CROSSING_LEASH * edge).max(reach) } else { 0.0 },
-                        distance,
-                        object: index,
-                        at: on_probe,
-                        // A corner of several patches is one start.
-                        direction: along.map_or(DVec3::Z, |along| to_probe.transform_vector(along)),
-                    });
+                    let home = if is_probe { on_probe } else { to_object.transform_point(at) };
+                    let on = StartPlace::Near(home.as_vec3());
+                    // A corner of several patches is one start.
+                    let direction = along.map_or(DVec3::Z, |along| to_probe.transform_vector(along));
+                    let kind = (is_probe, along.is_some());
+                    let mut start = Start::new(on, kind, index, (on_probe, direction), distance);
+                    if along.is_some() {
+                        start.leash = (CROSSING_LEASH * edge).max(reach) as f32;
+                    }
+                    starts.push(start);
                 };
                 start(contact.point, true, -contact.depth, None);
                 start(contact.scene_point, false, -contact.depth, None);

@@ -74,6 +74,13 @@ pub struct ContactSettings {
     pub static_friction: Option<f64>,
 }
 
+impl ContactSettings {
+    /// Penalty contacts of a stiffness, N/m.
+    pub fn penalties(stiffness: f64) -> Self {
+        Self { response: Response::Penalty, stiffness, ..Self::default() }
+    }
+}
+
 impl Default for ContactSettings {
     fn default() -> Self {
         Self {

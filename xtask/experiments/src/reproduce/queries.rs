@@ -11,7 +11,7 @@ use palpate::collide::{Clustering, ContactQuery, QuerySettings};
 use palpate::device::{Interpolation, MotionPath, Task};
 use palpate::dynamics::IntegratorKind;
 use palpate::glam::DVec3;
-use palpate::settings::DetailSettings;
+use palpate::settings::{ContactSettings, DetailSettings};
 use palpate::{Object, Pose, Scene, Settings, explore};
 use palpate_report::{Curve, Figure, draw};
 
@@ -195,6 +195,7 @@ fn tapping(probe: &Object, object: &Object, benchmark: &Benchmark) -> Result<Vec
     let scene = Scene::new().with(object.clone(), Pose::IDENTITY);
     let intended = explore::path(Task::Tap, probe, &scene).map_err(|error| error.to_string())?;
     let settings = Settings {
+        contact: ContactSettings::penalties(ContactSettings::default().stiffness),
         detail: DetailSettings {
             error: benchmark.errors[3] * benchmark.radius(probe, object),
             ..DetailSettings::default()

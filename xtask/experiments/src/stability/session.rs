@@ -8,7 +8,7 @@ use palpate::device::{
     DeviceError, DeviceState, EmulatedDevice, Emulation, HapticDevice, IntendedPath, Specification,
 };
 use palpate::glam::{DQuat, DVec3};
-use palpate::settings::TimingSettings;
+use palpate::settings::{ContactSettings, TimingSettings};
 use palpate::{
     ContactLoop, ContactUpdate, HapticLoop, HapticRenderer, Object, Pose, Scene, Settings, Twist, Wrench,
 };
@@ -301,6 +301,7 @@ impl Part {
         let device = Faulty { device, control: control.clone() };
         let scene = Scene::new().with(table.clone(), Pose::from_translation(DVec3::NEG_Z * TABLE.z));
         let settings = Settings {
+            contact: ContactSettings::penalties(ContactSettings::default().stiffness),
             timing: TimingSettings { contact_timeout: TIMEOUT, ..TimingSettings::default() },
             ..Settings::default()
         };

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use palpate::device::{Emulation, Hand, IntendedPath};
 use palpate::glam::DVec3;
 use palpate::models::Model;
-use palpate::settings::SearchSettings;
+use palpate::settings::{ContactSettings, SearchSettings};
 use palpate::{ContactTiming, HapticRenderer, Object, Pose, Scene, Settings, Twist};
 use palpate_report::{CellAxis, HeatMap};
 
@@ -227,6 +227,7 @@ fn hit(case: &Case, probe: &Object, plate: &Object, touch: f64) -> Result<Hit, S
     let (device, meter) = Metered::new(emulation.open(path).map_err(|error| error.to_string())?);
     let scene = Scene::new().with(plate.clone(), Pose::IDENTITY);
     let settings = Settings {
+        contact: ContactSettings::penalties(ContactSettings::default().stiffness),
         search: SearchSettings { braking: method.braking, proxy: method.proxy, ..SearchSettings::default() },
         ..Settings::default()
     };

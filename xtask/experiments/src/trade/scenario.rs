@@ -2,7 +2,7 @@
 
 use palpate::device::{Emulation, IntendedPath, Interpolation, Keyframe, MotionPath, Task};
 use palpate::models::Model;
-use palpate::settings::{ContactSearch, SearchSettings};
+use palpate::settings::{ContactSearch, ContactSettings, SearchSettings};
 use palpate::{HandlePlacement, Object, Pose, Scene, Settings, explore};
 use palpate_benches::scenarios;
 
@@ -92,6 +92,7 @@ fn rigid(name: &'static str, opened: scenarios::Scenario, slower: f64) -> Result
         probe: probe.object,
         scene: Scene::new().with(scene.object, Pose::IDENTITY),
         settings: Settings {
+            contact: ContactSettings::penalties(ContactSettings::default().stiffness),
             search: SearchSettings {
                 method: ContactSearch::Levels,
                 tolerance: Some(tolerance),
@@ -130,6 +131,7 @@ pub mod tests {
             probe: open("ellipsoid@500"),
             scene: Scene::new().with(open("golf-ball@5000"), Pose::IDENTITY),
             settings: Settings {
+                contact: ContactSettings::penalties(ContactSettings::default().stiffness),
                 search: SearchSettings { method: ContactSearch::Levels, ..SearchSettings::default() },
                 ..Settings::default()
             },

@@ -101,7 +101,7 @@ fn find(name: &str, setups: &[Setup], triangles: Option<usize>) -> Result<(Found
                 mass: 0.01,
                 ..ToolSettings::default()
             },
-            contact: ContactSettings { stiffness: 5e3, ..ContactSettings::default() },
+            contact: ContactSettings::penalties(5e3),
             coupling: CouplingSettings { stiffness: Some(500.0), ..CouplingSettings::default() },
             device: DeviceSettings {
                 workspace_scale: scale, // The touch is where it is in the world, whatever the scale.

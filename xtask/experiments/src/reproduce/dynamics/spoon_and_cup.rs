@@ -103,7 +103,7 @@ fn find(setups: &[Setup; 3]) -> Result<(Found, [Trace; 3]), String> {
                 mass,
                 ..ToolSettings::default()
             },
-            contact: ContactSettings { stiffness: contact_stiffness, ..ContactSettings::default() },
+            contact: ContactSettings::penalties(contact_stiffness),
             coupling: CouplingSettings {
                 stiffness: Some(COUPLING_STIFFNESS),
                 angular_stiffness: Some(ANGULAR_STIFFNESS),
