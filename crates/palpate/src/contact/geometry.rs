@@ -64,6 +64,16 @@ pub(crate) struct ContactGeometry {
     pub age: f64,
 }
 
+/// Distances that the bodies may move before the points of a geometry have to be measured again, m: those of
+/// each object in turn, so that a step passes over all of them in a few instructions.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Slacks {
+    /// In the order of the points, which [`ContactGeometry::assign`] makes that of the objects.
+    values: ArrayVec<f32, MAX_POINTS>,
+    /// Number of points of the objects up to each.
+    ends: ArrayVec<u16, MAX_OBJECTS>,
+}
+
 /// The contacts of one step.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct StepContacts {
@@ -92,6 +102,7 @@ impl ContactGeometry {
     /// contacts, `before`, are taken over.
     pub fn contacts(
         &mut self,
+        slacks: &mut Slacks,
         state: &BodyState,
         motion: &StepMotion,
         before: &StepContacts,
@@ -101,34 +112,71 @@ impl ContactGeometry {
         let StepMotion { dt, moved, reach } = *motion;
         let mesh = state.pose * Pose::from_translation(-self.center_of_mass);
         let Self { probe, objects, points, margin, friction, .. } = self;
-        let frames = frames_of(probe, objects, &mesh);
-        for (index, guarded) in points.iter_mut().enumerate() {
-            let at = usize::from(guarded.object);
-            let (Some(object), Some(frames)) = (objects.get(at), frames.get(at)) else { continue };
-            guarded.slack -= (moved + object.speed * dt) as f32;
-            if f64::from(guarded.slack) > reach {
-                found.room = found.room.min(f64::from(guarded.slack));
+        let mut first = 0;
+        for (object, end) in objects.iter().zip(&slacks.ends) {
+            let range = first..usize::from(*end);
+            first = usize::from(*end);
+            let Some(values) = slacks.values.get_mut(range.clone()) else { continue };
+            let mut near = ArrayVec::<u16, MAX_POINTS>::new();
+            let room = pass((moved + object.speed * dt) as f32, reach as f32, values, &mut near);
+            found.room = found.room.min(f64::from(room));
+            if near.is_empty() {
                 continue;
             }
-            let measured = guarded.measure(frames);
-            let gap = measured.distance - *margin;
-            guarded.slack = gap as f32;
-            if gap > reach {
-                found.room = found.room.min(gap);
-                continue;
+            let frames = Frames::new((probe, &mesh), (&object.surface, &object.pose));
+            for offset in near {
+                let index = range.start + usize::from(offset);
+                let (Some(guarded), Some(slack)) = (points.get_mut(index), values.get_mut(usize::from(offset)))
+                else {
+                    continue;
+                };
+                let measured = guarded.measure(&frames);
+                let gap = measured.distance - *margin;
+                *slack = gap as f32;
+                if gap > reach {
+                    found.room = found.room.min(gap);
+                    continue;
+                }
+                found.depth = found.depth.max(-measured.distance);
+                let contact = UnilateralContact {
+                    arm: measured.point - state.pose.translation,
+                    normal: measured.normal,
+                    gap,
+                    velocity: object.motion.twist.velocity_at(measured.point),
+                    friction: friction.static_coefficient,
+                    impulse: DVec3::ZERO,
+                };
+                found.push(contact, index as u16);
             }
-            found.depth = found.depth.max(-measured.distance);
-            let contact = UnilateralContact {
-                arm: measured.point - state.pose.translation,
-                normal: measured.normal,
-                gap,
-                velocity: object.motion.twist.velocity_at(measured.point),
-                friction: friction.static_coefficient,
-                impulse: DVec3::ZERO,
-            };
-            found.push(contact, index as u16);
         }
         found.take_over(before, friction);
+    }
+
+    /// Copies another geometry, with its points in the order of the objects, and their slacks.
+    pub fn assign(&mut self, found: &Self, slacks: &mut Slacks) {
+        let Self { probe, center_of_mass, objects, points, bound, friction, margin, age } = self;
+        if !Arc::ptr_eq(probe, &found.probe) {
+            probe.clone_from(&found.probe);
+        }
+        (*center_of_mass, *bound) = (found.center_of_mass, found.bound);
+        (*friction, *margin, *age) = (found.friction, found.margin, found.age);
+        objects.truncate(found.objects.len());
+        let known = objects.len();
+        for (object, found) in objects.iter_mut().zip(&found.objects) {
+            object.assign(found);
+        }
+        objects.extend(found.objects[known..].iter().cloned());
+        points.clear();
+        slacks.values.clear();
+        slacks.ends.clear();
+        for index in 0..objects.len() {
+            let own = found.points.iter().filter(|point| usize::from(point.object) == index);
+            for point in own {
+                points.push(*point);
+                slacks.values.push(point.slack);
+            }
+            slacks.ends.push(points.len() as u16);
+        }
     }
 
     /// The surfaces at their poses, by scene object, with the mesh of the body in the hand at a pose.
@@ -138,11 +186,14 @@ impl ContactGeometry {
 
     /// Takes into account that the bodies have moved since the query: the one in the hand by `moved` (m), and
     /// the scene's for `age` (s).
-    pub fn shift(&mut self, moved: f32, age: f64) {
-        let Self { points, objects, .. } = self;
-        for point in points {
-            let speed = objects.get(usize::from(point.object)).map_or(0.0, |object| object.speed);
-            point.slack -= moved + (speed * age.max(0.0)) as f32;
+    pub fn shift(&self, slacks: &mut Slacks, moved: f32, age: f64) {
+        let mut first = 0;
+        for (object, end) in self.objects.iter().zip(&slacks.ends) {
+            let gone = moved + (object.speed * age.max(0.0)) as f32;
+            for slack in &mut slacks.values[first..usize::from(*end)] {
+                *slack -= gone;
+            }
+            first = usize::from(*end);
         }
     }
 
@@ -161,6 +212,42 @@ impl ContactGeometry {
             self.bound.room -= object.speed * dt;
         }
     }
+}
+
+impl NearObject {
+    fn assign(&mut self, found: &Self) {
+        let Self { surface, pose, motion, speed } = self;
+        if !Arc::ptr_eq(surface, &found.surface) {
+            surface.clone_from(&found.surface);
+        }
+        (*pose, *motion, *speed) = (found.pose, found.motion, found.speed);
+    }
+}
+
+/// Takes a motion (m) off all slacks. Appends the indices of those within a reach (m), and returns the least of
+/// the others, m.
+fn pass(gone: f32, reach: f32, slacks: &mut [f32], near: &mut ArrayVec<u16, MAX_POINTS>) -> f32 {
+    const LANES: usize = 8;
+    let mut least = [f32::INFINITY; LANES];
+    for (chunk, slacks) in slacks.chunks_mut(LANES).enumerate() {
+        let mut any = 0;
+        for (slack, least) in slacks.iter_mut().zip(&mut least) {
+            *slack -= gone;
+            let is_far = *slack > reach;
+            any |= u32::from(!is_far);
+            let far = if is_far { *slack } else { f32::INFINITY };
+            *least = if far < *least { far } else { *least };
+        }
+        if any == 0 {
+            continue;
+        }
+        for (lane, slack) in slacks.iter().enumerate() {
+            if !(*slack > reach) {
+                near.push((LANES * chunk + lane) as u16);
+            }
+        }
+    }
+    least.into_iter().fold(f32::INFINITY, f32::min)
 }
 
 /// The surfaces of a probe and of objects at their poses.
@@ -188,7 +275,9 @@ impl StepContacts {
     /// Adds a contact, unless it is one that is known. If there is no room, the furthest is left out.
     fn push(&mut self, contact: UnilateralContact, point: u16) {
         let same = |known: &&mut UnilateralContact| {
-            known.arm.distance_squared(contact.arm) < SAME_PLACE * SAME_PLACE
+            // Most are told apart by the first.
+            (known.arm.x - contact.arm.x).abs() < SAME_PLACE
+                && known.arm.distance_squared(contact.arm) < SAME_PLACE * SAME_PLACE
                 && known.normal.dot(contact.normal) > SAME_NORMAL
         };
         if let Some(known) = self.contacts.iter_mut().find(same) {
