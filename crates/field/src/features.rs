@@ -7,6 +7,7 @@
 //! side is never taken for the near one.
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 use palpate_core::TriMesh;
@@ -45,6 +46,8 @@ pub struct FeatureMesh {
     sides: Vec<[u32; 2]>,
     faces_around: Lists,
     edges_around: Lists,
+    /// Unit vectors along the entries of `edges_around`, away from the vertex.
+    outgoing: Vec<DVec3>,
     exact: ExactDistance,
 }
 
@@ -114,9 +117,12 @@ impl Lists {
         Self { starts, entries }
     }
 
+    fn range(&self, vertex: u32) -> Range<usize> {
+        self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize
+    }
+
     fn of(&self, vertex: u32) -> &[u32] {
-        let range = self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize;
-        &self.entries[range]
+        &self.entries[self.range(vertex)]
     }
 
     fn bytes(&self) -> usize {
@@ -164,6 +170,15 @@ impl FeatureMesh {
             Lists::new(count, faces.iter().enumerate().flat_map(|(index, face)| around(index, face)));
         let ends = edges.iter().enumerate().flat_map(|(index, ends)| ends.map(|end| (end, index as u32)));
         let edges_around = Lists::new(count, ends);
+        let vertices = mesh.vertices();
+        let outgoing = (0..count as u32)
+            .flat_map(|vertex| edges_around.of(vertex).iter().map(move |&edge| (vertex, edge)));
+        let outgoing = outgoing.map(|(vertex, edge)| {
+            let [a, b] = edges[edge as usize];
+            let to = if a == vertex { b } else { a };
+            (vertices[to as usize] - vertices[vertex as usize]).normalize_or_zero()
+        });
+        let outgoing = outgoing.collect();
         let mut normals = vec![DVec3::ZERO; count];
         for (index, face) in faces.iter().enumerate() {
             let at = mesh.corners(index);
@@ -182,6 +197,7 @@ impl FeatureMesh {
             sides,
             faces_around,
             edges_around,
+            outgoing,
             exact,
         }
     }
@@ -189,7 +205,8 @@ impl FeatureMesh {
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         size_of::<Self>()
-            + (self.vertices.capacity() + self.normals.capacity()) * size_of::<DVec3>()
+            + (self.vertices.capacity() + self.normals.capacity() + self.outgoing.capacity())
+                * size_of::<DVec3>()
             + self.faces.capacity() * size_of::<Face>()
             + (self.edges.capacity() + self.sides.capacity()) * size_of::<[u32; 2]>()
             + self.faces_around.bytes()
@@ -210,22 +227,26 @@ impl FeatureMesh {
         let mut current = face;
         let (mut point, mut feature, mut squared) = at(face);
         for _ in 0..MAX_WALK {
+            let (from, on, before) = (point, feature, squared);
             let Face { corners, neighbours, normal, .. } = &self.faces[current as usize];
-            let candidates: [&[u32]; 3] = match feature {
-                // From inside, a face next to it may be nearer without an edge between being so.
-                Feature::Face if normal.dot(p - point) < 0.0 => {
-                    corners.map(|corner| self.faces_around.of(corner))
-                }
-                Feature::Face => break,
-                Feature::Edge(edge) => [&neighbours[edge..=edge], &[], &[]],
-                Feature::Vertex(vertex) => [self.faces_around.of(corners[vertex]), &[], &[]],
-            };
-            let before = squared;
-            for &candidate in candidates.into_iter().flatten().filter(|face| **face != NONE) {
+            let mut visit = |candidate: u32| {
                 let found = at(candidate);
                 if found.2 < squared {
                     (point, feature, squared) = found;
                     current = candidate;
+                }
+            };
+            match on {
+                // From inside, a face next to it may be nearer without an edge between being so.
+                Feature::Face if normal.dot(p - from) < 0.0 => {
+                    let around = corners.iter().flat_map(|corner| self.faces_around.of(*corner));
+                    around.for_each(|face| visit(*face));
+                }
+                Feature::Face => break,
+                Feature::Edge(edge) if neighbours[edge] == NONE => break,
+                Feature::Edge(edge) => visit(neighbours[edge]),
+                Feature::Vertex(vertex) => {
+                    self.faces_around.of(corners[vertex]).iter().for_each(|face| visit(*face));
                 }
             }
             if squared >= before {
@@ -250,8 +271,8 @@ impl FeatureMesh {
         // Over a face the direction is the face's normal, at any distance.
         let normal = match feature {
             Feature::Face => outward,
-            _ if distance < MIN_DIRECTED => outward,
-            _ => ((p - point) * sign).try_normalize().unwrap_or(outward),
+            _ if distance >= MIN_DIRECTED => (p - point) * (sign / distance),
+            _ => outward,
         };
         ClosestPoint { point, distance: sign * distance, normal, face }
     }
@@ -318,27 +339,30 @@ impl FeatureMesh {
             Place::Edge(edge, at) => {
                 let at = f64::from(at);
                 let [from, to] = self.ends(edge);
-                let slope = normal.dot((to - from).normalize_or_zero());
-                let end = self.leashed(edge, if slope > 0.0 { 0.0 } else { 1.0 }, leash);
-                let next = at + (end - at) * stride;
-                if slope.abs() > MIN_SLOPE && (next - at).abs() > MIN_STEP {
-                    return Some(self.on_edge(edge, next));
+                let along = to - from;
+                let rise = normal.dot(along);
+                if rise * rise > MIN_SLOPE * MIN_SLOPE * along.length_squared() {
+                    let end = self.leashed(edge, if rise > 0.0 { 0.0 } else { 1.0 }, leash);
+                    let next = at + (end - at) * stride;
+                    if (next - at).abs() > MIN_STEP {
+                        return Some(self.on_edge(edge, next));
+                    }
                 }
                 self.across_a_face(edge, at, normal, leash)
             }
             Place::Vertex(vertex) => {
-                let from = self.vertices[vertex as usize];
+                let around = self.edges_around.range(vertex);
                 let mut steepest = (-MIN_SLOPE, None);
-                for &edge in self.edges_around.of(vertex) {
-                    let [a, b] = self.edges[edge as usize];
-                    let to = self.vertices[if a == vertex { b } else { a } as usize];
-                    let along = to - from;
-                    let slope = normal.dot(along) / along.length();
+                for (&edge, outgoing) in
+                    self.edges_around.entries[around.clone()].iter().zip(&self.outgoing[around])
+                {
+                    let slope = normal.dot(*outgoing);
                     if slope < steepest.0 {
-                        steepest = (slope, Some((edge, a == vertex)));
+                        steepest = (slope, Some(edge));
                     }
                 }
-                let (edge, is_first) = steepest.1?;
+                let edge = steepest.1?;
+                let is_first = self.edges[edge as usize][0] == vertex;
                 let (at, end) = if is_first { (0.0, 1.0) } else { (1.0, 0.0) };
                 let end = self.leashed(edge, end, leash);
                 let next = at + (end - at) * stride;
@@ -380,6 +404,9 @@ impl FeatureMesh {
     fn leashed(&self, edge: u32, at: f64, leash: &Leash) -> f64 {
         let [from, to] = self.ends(edge);
         let (along, off) = (to - from, from - leash.home.as_dvec3());
+        if (off + along * at).length_squared() <= f64::from(leash.length).powi(2) {
+            return at;
+        }
         let (square, half) = (along.length_squared(), along.dot(off));
         let root = half * half - square * (off.length_squared() - f64::from(leash.length).powi(2));
         let middle = -half / square;

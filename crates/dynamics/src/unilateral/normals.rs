@@ -153,7 +153,8 @@ impl Normals {
                 let excess = approach - dot(&side.row, &wanted);
                 after.push(excess);
                 next |= u64::from(excess > 0.0) << index;
-                differs |= (excess > 0.0) != (self.active >> index & 1 != 0) && excess.abs() > ROUNDING * size;
+                differs |=
+                    (excess > 0.0) != (self.active >> index & 1 != 0) && excess.abs() > ROUNDING * size;
             }
             if !differs {
                 return (self.end(&wanted, next, &after), true);

@@ -109,8 +109,7 @@ impl<'a> Solver<'a> {
         rows: &'a mut Rows,
     ) -> Self {
         let contacts = &contacts[..contacts.len().min(MAX_UNILATERAL)];
-        let mut solver =
-            Self { contacts, free, factor, rows, pressed: [0.0; 6], rubbed: [0.0; 6], ready: 0 };
+        let mut solver = Self { contacts, free, factor, rows, pressed: [0.0; 6], rubbed: [0.0; 6], ready: 0 };
         for (index, contact) in contacts.iter().enumerate() {
             let UnilateralContact { arm, normal, gap, velocity, impulse, .. } = *contact;
             let row = scaled(factor, arm, normal);

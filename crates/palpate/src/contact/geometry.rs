@@ -126,7 +126,8 @@ impl ContactGeometry {
             let frames = Frames::new((probe, &mesh), (&object.surface, &object.pose));
             for offset in near {
                 let index = range.start + usize::from(offset);
-                let (Some(guarded), Some(slack)) = (points.get_mut(index), values.get_mut(usize::from(offset)))
+                let (Some(guarded), Some(slack)) =
+                    (points.get_mut(index), values.get_mut(usize::from(offset)))
                 else {
                     continue;
                 };
