@@ -13,7 +13,7 @@
 use arrayvec::ArrayVec;
 
 use super::MAX_UNILATERAL;
-use super::solver::{Six, add, dot};
+use super::solver::{Six, add, dot, sum};
 
 /// Number of whole steps. With fewer, many contacts that change at once take longer.
 const WHOLE_STEPS: u32 = 10;
@@ -42,25 +42,35 @@ pub(super) struct Side {
 #[derive(Default)]
 pub(super) struct Normals {
     sides: ArrayVec<Side, MAX_UNILATERAL>,
-    impulses: ArrayVec<f64, MAX_UNILATERAL>,
+    /// Approaches beyond their limits with the impulses of the last solution, m/s.
+    over: ArrayVec<f64, MAX_UNILATERAL>,
     /// Set of those that push.
     active: u64,
-    /// The factors of the last matrix, and the set that it was made for.
+    system: System,
+}
+
+/// The linear system of a set: friction changes only its right-hand side.
+struct System {
+    set: u64,
+    /// 1 + Σ jᵀ j / c, only on and right of the diagonal, and its factors.
+    matrix: [Six; 6],
     factors: Factors,
-    factored: u64,
+    /// Σ jᵀ q / c for the approaches q without any impulse.
+    right: Six,
+}
+
+impl Default for System {
+    /// The system of the empty set.
+    fn default() -> Self {
+        let factors = Factors { upper: IDENTITY, inverse: [1.0; 6] };
+        Self { set: 0, matrix: IDENTITY, factors, right: [0.0; 6] }
+    }
 }
 
 /// Factors of 1 + Σ jᵀ j / c: U of its LDLᵀ decomposition with U = D Lᵀ, and one over the pivots.
 struct Factors {
     upper: [Six; 6],
     inverse: Six,
-}
-
-impl Default for Factors {
-    /// Factors of the identity, the matrix of the empty set.
-    fn default() -> Self {
-        Self { upper: IDENTITY, inverse: [1.0; 6] }
-    }
 }
 
 const IDENTITY: [Six; 6] = {
@@ -93,8 +103,9 @@ impl Factors {
     fn solve(&self, mut right: Six) -> Six {
         for column in 0..6 {
             right[column] *= self.inverse[column];
-            for row in column + 1..6 {
-                right[row] -= self.upper[column][row] * right[column];
+            let value = right[column];
+            for (row, entry) in self.upper[column].iter().enumerate().skip(column + 1) {
+                right[row] -= entry * value;
             }
         }
         for row in (0..6).rev() {
@@ -107,6 +118,7 @@ impl Factors {
 }
 
 /// Members of a set, by index.
+#[inline(always)]
 fn members(mut set: u64) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let index = set.trailing_zeros() as usize;
@@ -115,18 +127,58 @@ fn members(mut set: u64) -> impl Iterator<Item = usize> {
     })
 }
 
+impl System {
+    /// Changes the set.
+    fn change(&mut self, set: u64, sides: &[Side]) {
+        if set == self.set {
+            return;
+        }
+        if self.set & !set != 0 {
+            *self = Self::default();
+        }
+        for side in members(set & !self.set).filter_map(|index| sides.get(index)) {
+            for (k, entries) in self.matrix.iter_mut().enumerate() {
+                let gain = side.stiffness * side.row[k];
+                // In pairs.
+                for column in k & !1..6 {
+                    entries[column] += gain * side.row[column];
+                }
+            }
+            add(&mut self.right, side.stiffness * side.excess, &side.row);
+        }
+        self.set = set;
+        self.factors = Factors::new(self.matrix);
+    }
+
+    /// Where φ would be least, given y of all others, if just the contacts of the set pushed: with q − j
+    /// y_others in place of q, the right-hand side is Σ jᵀ q / c less the matrix without its 1 times
+    /// y_others.
+    fn least(&self, others: &Six) -> Six {
+        let mut right = self.right;
+        for row in 0..6 {
+            right[row] += others[row];
+            for column in 0..6 {
+                let entry = self.matrix[row.min(column)][row.max(column)];
+                right[row] -= entry * others[column];
+            }
+        }
+        self.factors.solve(right)
+    }
+}
+
 impl Normals {
     /// Adds a contact, and whether it pushed in the last step.
     #[inline(always)]
     pub fn push(&mut self, side: Side, pushed: bool) {
         self.active |= u64::from(pushed) << self.sides.len();
+        self.over.push(0.0);
         self.sides.push(side);
-        self.impulses.push(0.0);
     }
 
-    /// Impulses of the contacts, N·s.
-    pub fn impulses(&self) -> &[f64] {
-        &self.impulses
+    /// Impulse of a contact, N·s.
+    #[inline(always)]
+    pub fn impulse(&self, index: usize) -> f64 {
+        self.sides[index].stiffness * self.over[index].max(0.0)
     }
 
     /// Set of the contacts that push.
@@ -142,64 +194,68 @@ impl Normals {
     /// Finds the impulses, given y of all others, where the largest approach is about `size` (m/s). Returns y
     /// of the normals, and whether the search ended.
     pub fn solve(&mut self, others: &Six, size: f64) -> (Six, bool) {
-        let approach = self.sides.iter().map(|side| side.excess - dot(&side.row, others));
-        let approach: ArrayVec<f64, MAX_UNILATERAL> = approach.collect();
-        let (mut y, mut over) = ([0.0; 6], approach.clone());
-        for step in 0..MAX_STEPS {
-            let wanted = self.least(&approach);
-            let mut after = ArrayVec::<f64, MAX_UNILATERAL>::new();
-            let (mut next, mut differs) = (0, false);
-            for (index, (side, approach)) in self.sides.iter().zip(&approach).enumerate() {
-                let excess = approach - dot(&side.row, &wanted);
-                after.push(excess);
-                next |= u64::from(excess > 0.0) << index;
-                differs |=
-                    (excess > 0.0) != (self.active >> index & 1 != 0) && excess.abs() > ROUNDING * size;
-            }
+        for _ in 0..WHOLE_STEPS {
+            self.system.change(self.active, &self.sides);
+            let y = self.system.least(others);
+            let (next, differs) = self.approach(&sum(&y, others), size);
+            let before = std::mem::replace(&mut self.active, next);
             if !differs {
-                return (self.end(&wanted, next, &after), true);
+                return (if next == before { y } else { self.pressed() }, true);
             }
-            let share = if step < WHOLE_STEPS { 1.0 } else { self.share(&y, &wanted, &over, &after) };
+        }
+        self.search(others, size)
+    }
+
+    /// Finds the impulses by steps along which φ falls.
+    #[cold]
+    fn search(&mut self, others: &Six, size: f64) -> (Six, bool) {
+        let mut y = self.system.least(others);
+        for _ in 0..MAX_STEPS {
+            let before = self.over.clone();
+            self.system.change(self.active, &self.sides);
+            let wanted = self.system.least(others);
+            let (next, differs) = self.approach(&sum(&wanted, others), size);
+            if !differs {
+                self.active = next;
+                return (self.pressed(), true);
+            }
+            let share = self.share(&y, &wanted, &before);
             for (y, wanted) in y.iter_mut().zip(wanted) {
                 *y += share * (wanted - *y);
             }
             self.active = 0;
-            for (index, (over, after)) in over.iter_mut().zip(after).enumerate() {
-                *over += share * (after - *over);
+            for (index, (over, before)) in self.over.iter_mut().zip(before).enumerate() {
+                *over = before + share * (*over - before);
                 self.active |= u64::from(*over > 0.0) << index;
             }
         }
-        let (next, over) = (self.active, over);
-        (self.end(&y, next, &over), false)
+        (self.pressed(), false)
     }
 
-    /// Where φ would be least if just the active contacts pushed.
-    fn least(&mut self, approach: &[f64]) -> Six {
-        if self.factored != self.active {
-            let mut matrix = IDENTITY;
-            for side in members(self.active).map(|index| &self.sides[index]) {
-                for (entries, along) in matrix.iter_mut().zip(&side.row) {
-                    add(entries, side.stiffness * along, &side.row);
-                }
-            }
-            (self.factors, self.factored) = (Factors::new(matrix), self.active);
+    /// Finds the approaches with y of all impulses. Returns the set of those beyond their limits, and whether
+    /// it differs from the active set by more than rounding.
+    #[inline(always)]
+    fn approach(&mut self, y: &Six, size: f64) -> (u64, bool) {
+        let (mut set, mut differs) = (0, false);
+        for (index, (side, over)) in self.sides.iter().zip(&mut self.over).enumerate() {
+            *over = side.excess - dot(&side.row, y);
+            let is_over = u64::from(*over > 0.0);
+            set |= is_over << index;
+            differs |= is_over != self.active >> index & 1 && over.abs() > ROUNDING * size;
         }
-        let mut right = [0.0; 6];
-        for index in members(self.active) {
-            let side = &self.sides[index];
-            add(&mut right, side.stiffness * approach[index], &side.row);
-        }
-        self.factors.solve(right)
+        (set, differs)
     }
 
-    /// The share of a step from y to where the quadratic is least at which φ is least, by the slope of φ.
-    fn share(&self, y: &Six, wanted: &Six, over: &[f64], after: &[f64]) -> f64 {
-        let step: Six = std::array::from_fn(|k| wanted[k] - y[k]);
+    /// The share of a step from y to where the quadratic is least at which φ is least, by the slope of φ;
+    /// `before` are the approaches at its start.
+    fn share(&self, y: &Six, wanted: &Six, before: &[f64]) -> f64 {
+        let mut step = *wanted;
+        add(&mut step, -1.0, y);
         let slope = |share: f64| {
             let mut slope = dot(&step, y) + share * dot(&step, &step);
-            for ((side, over), after) in self.sides.iter().zip(over).zip(after) {
-                let change = after - over;
-                slope += side.stiffness * (over + share * change).max(0.0) * change;
+            for ((side, over), before) in self.sides.iter().zip(&self.over).zip(before) {
+                let change = over - before;
+                slope += side.stiffness * (before + share * change).max(0.0) * change;
             }
             slope
         };
@@ -214,19 +270,11 @@ impl Normals {
         high
     }
 
-    /// Sets the impulses of a set by approaches with them. Returns their y, which is `y` up to rounding.
-    fn end(&mut self, y: &Six, set: u64, over: &[f64]) -> Six {
-        let same = set == self.active;
-        self.active = set;
-        for ((impulse, side), over) in self.impulses.iter_mut().zip(&self.sides).zip(over) {
-            *impulse = side.stiffness * over.max(0.0);
-        }
-        if same {
-            return *y;
-        }
+    /// y of the impulses.
+    fn pressed(&self) -> Six {
         let mut pressed = [0.0; 6];
-        for index in members(set) {
-            add(&mut pressed, self.impulses[index], &self.sides[index].row);
+        for index in members(self.active) {
+            add(&mut pressed, self.impulse(index), &self.sides[index].row);
         }
         pressed
     }

@@ -15,17 +15,14 @@ use super::normals::{Normals, Side};
 use super::{MAX_UNILATERAL, UnilateralContact};
 use crate::system::six;
 
-/// Largest number of rounds of friction. With fewer, many contacts that slide at once creep.
-const MAX_ROUNDS: u32 = 10;
-
-/// Number of passes over the contacts' friction in a round.
-const PASSES: u32 = 3;
+/// Largest number of passes over the contacts' friction. With fewer, many contacts that slide at once creep.
+const MAX_PASSES: u32 = 30;
 
 /// Velocities below this are rounding, m/s.
 const MIN_VELOCITY: f64 = 1e-9;
 
-/// Largest change of a contact velocity in a round of friction, relative to the largest free one, at which
-/// the rounds end. With more, contacts creep; with less, steps take longer.
+/// Largest change of a contact velocity in a pass, relative to the largest free one, at which the passes
+/// end. With more, contacts creep; with less, steps take longer.
 const ROUND_TOLERANCE: f64 = 1e-4;
 
 /// Compliance of a contact relative to the body's own mobility along it. Without it the impulses of redundant
@@ -86,13 +83,23 @@ pub(super) fn add(to: &mut Six, gain: f64, from: &Six) {
     }
 }
 
-/// The scaled row Kᵀ Jᵀ of a unit velocity along an axis at an arm.
+#[inline(always)]
+pub(super) fn sum(a: &Six, b: &Six) -> Six {
+    let mut sum = *a;
+    add(&mut sum, 1.0, b);
+    sum
+}
+
+/// The scaled row Kᵀ Jᵀ of a unit velocity along an axis at an arm, for a lower factor K.
 #[inline(always)]
 fn scaled(factor: &[Six; 6], arm: DVec3, axis: DVec3) -> Six {
     let row = six(axis, arm.cross(axis));
     let mut scaled = [0.0; 6];
-    for (below, value) in factor.iter().zip(row) {
-        add(&mut scaled, value, below);
+    for (k, (entries, value)) in factor.iter().zip(row).enumerate() {
+        // In pairs.
+        for column in 0..(k + 2) & !1 {
+            scaled[column] += value * entries[column];
+        }
     }
     scaled
 }
@@ -134,18 +141,17 @@ impl<'a> Solver<'a> {
         self.ready |= 1 << index;
         let (first, second) = normal.any_orthonormal_pair();
         let axes = [first, second];
-        let rows = axes.map(|axis| scaled(self.factor, arm, axis));
+        let rows = [scaled(self.factor, arm, first), scaled(self.factor, arm, second)];
         let over = self.free.velocity_at(arm) - velocity;
         let mobility = dot(&rows[0], &rows[0]).max(dot(&rows[1], &rows[1]));
-        let impulse = axes.map(|axis| axis.dot(impulse));
-        for (row, impulse) in rows.iter().zip(impulse) {
-            add(&mut self.rubbed, impulse, row);
-        }
+        let impulse = [first.dot(impulse), second.dot(impulse)];
+        add(&mut self.rubbed, impulse[0], &rows[0]);
+        add(&mut self.rubbed, impulse[1], &rows[1]);
         self.rows.rubbing.push(Friction {
             contact: index as u8,
             axes,
             rows,
-            slip: axes.map(|axis| axis.dot(over)),
+            slip: [first.dot(over), second.dot(over)],
             mass: 1.0 / mobility,
             coefficient: friction,
             impulse,
@@ -156,29 +162,23 @@ impl<'a> Solver<'a> {
     pub fn solve(&mut self) -> (Twist, bool) {
         let size = self.rows.normals.largest_excess().max(MIN_VELOCITY);
         let mut converged = self.push(size);
-        let mut round = 0;
+        let mut passes = 0;
         while converged && !self.rows.rubbing.is_empty() {
-            // The first pass sees what the new normal impulses change.
-            let mut change: f64 = 0.0;
-            for _ in 0..PASSES {
-                let further = self.rub();
-                change = change.max(further);
-                if further <= ROUND_TOLERANCE * size {
-                    break;
-                }
-            }
+            let change = self.rub();
             converged = self.push(size);
-            round += 1;
+            passes += 1;
             if change <= ROUND_TOLERANCE * size {
                 break;
             }
-            if round == MAX_ROUNDS {
+            if passes == MAX_PASSES {
                 converged = false;
             }
         }
-        let moved: Six = std::array::from_fn(|i| {
-            dot(&self.factor[i], &std::array::from_fn(|k| self.pressed[k] + self.rubbed[k]))
-        });
+        let felt = sum(&self.pressed, &self.rubbed);
+        let mut moved = [0.0; 6];
+        for (moved, entries) in moved.iter_mut().zip(self.factor) {
+            *moved = dot(entries, &felt);
+        }
         let [vx, vy, vz, wx, wy, wz] = moved;
         let twist = Twist {
             linear: self.free.linear - DVec3::new(vx, vy, vz),
@@ -203,21 +203,22 @@ impl<'a> Solver<'a> {
     /// contact's velocity, m/s.
     fn rub(&mut self) -> f64 {
         let Rows { normals, rubbing } = &mut *self.rows;
-        let mut felt: Six = std::array::from_fn(|k| self.pressed[k] + self.rubbed[k]);
+        let mut felt = sum(&self.pressed, &self.rubbed);
         let mut change: f64 = 0.0;
         for friction in rubbing {
-            let pressing = normals.impulses()[usize::from(friction.contact)];
+            let pressing = normals.impulse(usize::from(friction.contact));
             let most = if pressing > 0.0 { friction.coefficient * pressing } else { 0.0 };
             change = change.max(friction.rub(most, &mut felt));
         }
-        self.rubbed = std::array::from_fn(|k| felt[k] - self.pressed[k]);
+        self.rubbed = felt;
+        add(&mut self.rubbed, -1.0, &self.pressed);
         change
     }
 
     /// Writes the impulses back into the contacts.
     pub fn store(rows: &Rows, contacts: &mut [UnilateralContact]) {
-        for (contact, impulse) in contacts.iter_mut().zip(rows.normals.impulses()) {
-            contact.impulse = contact.normal * *impulse;
+        for (index, contact) in contacts.iter_mut().take(MAX_UNILATERAL).enumerate() {
+            contact.impulse = contact.normal * rows.normals.impulse(index);
         }
         for friction in &rows.rubbing {
             let ([first, second], [s, t]) = (friction.axes, friction.impulse);
@@ -235,8 +236,10 @@ impl Friction {
         if most == 0.0 && *impulse == [0.0; 2] {
             return 0.0;
         }
-        let wanted: [f64; 2] =
-            std::array::from_fn(|axis| impulse[axis] + (slip[axis] - dot(&rows[axis], felt)) * *mass);
+        let wanted = [
+            impulse[0] + (slip[0] - dot(&rows[0], felt)) * *mass,
+            impulse[1] + (slip[1] - dot(&rows[1], felt)) * *mass,
+        ];
         let square = wanted[0] * wanted[0] + wanted[1] * wanted[1];
         let share = if square > most * most { most / square.sqrt() } else { 1.0 };
         let mut largest: f64 = 0.0;

@@ -301,22 +301,22 @@ impl StepContacts {
 
     /// Takes over the impulses of the last step, and the lower coefficient of friction where a contact slid.
     fn take_over(&mut self, before: &Self, friction: &Friction) {
+        let pushed = before.contacts.iter().zip(0..).filter(|(known, _)| known.impulse != DVec3::ZERO);
+        let pushed: ArrayVec<(&UnilateralContact, usize), MAX_UNILATERAL> = pushed.collect();
         for (contact, point) in self.contacts.iter_mut().zip(&self.points) {
-            let place = before.points.iter().position(|known| known == point);
             let near = |known: &UnilateralContact| {
-                known.impulse != DVec3::ZERO
-                    && known.arm.distance_squared(contact.arm) < NEAR_PLACE * NEAR_PLACE
+                known.arm.distance_squared(contact.arm) < NEAR_PLACE * NEAR_PLACE
                     && known.normal.dot(contact.normal) > NEAR_NORMAL
             };
-            let Some(known) =
-                (if before.points.is_empty() { before.contacts.iter().position(near) } else { place })
-            else {
-                continue;
+            let is_same = |&&(known, index): &&(&UnilateralContact, usize)| match before.points.get(index) {
+                Some(before) => before == point,
+                None => near(known),
             };
-            let UnilateralContact { impulse, normal, friction: coefficient, .. } = before.contacts[known];
-            contact.impulse = impulse;
-            let along = impulse.dot(normal);
-            let slid = (impulse - normal * along).length() >= MAX_STICKING * coefficient * along;
+            let Some((known, _)) = pushed.iter().find(is_same) else { continue };
+            contact.impulse = known.impulse;
+            let along = known.impulse.dot(known.normal);
+            let slid =
+                (known.impulse - known.normal * along).length() >= MAX_STICKING * known.friction * along;
             if along > 0.0 && slid {
                 contact.friction = friction.dynamic_coefficient;
             }
