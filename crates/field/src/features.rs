@@ -244,9 +244,23 @@ impl FeatureMesh {
                 }
                 Feature::Face => break,
                 Feature::Edge(edge) if neighbours[edge] == NONE => break,
-                Feature::Edge(edge) => visit(neighbours[edge]),
+                Feature::Edge(edge) => {
+                    // Not nearer than the edge on its own side of it.
+                    let [start, end] = [edge, (edge + 1) % 3].map(|i| self.vertices[corners[i] as usize]);
+                    let across = self.faces[neighbours[edge] as usize].normal;
+                    if across != DVec3::ZERO && (end - start).cross(across).dot(p - from) <= 0.0 {
+                        break;
+                    }
+                    visit(neighbours[edge]);
+                }
                 Feature::Vertex(vertex) => {
-                    self.faces_around.of(corners[vertex]).iter().for_each(|face| visit(*face));
+                    let vertex = corners[vertex];
+                    // No edge leads nearer, and so no face between them does.
+                    let outgoing = &self.outgoing[self.edges_around.range(vertex)];
+                    if outgoing.iter().all(|outgoing| outgoing.dot(p - from) <= 0.0) {
+                        break;
+                    }
+                    self.faces_around.of(vertex).iter().for_each(|face| visit(*face));
                 }
             }
             if squared >= before {
@@ -297,6 +311,7 @@ impl FeatureMesh {
     }
 
     /// Position of a place, m.
+    #[inline]
     pub fn position(&self, place: &Place) -> DVec3 {
         match *place {
             Place::Vertex(vertex) => self.vertices[vertex as usize],
@@ -379,6 +394,9 @@ impl FeatureMesh {
         for &face in self.sides[edge as usize].iter().filter(|face| **face != NONE) {
             let Face { edges, normal: outward, .. } = self.faces[face as usize];
             let down = -normal.reject_from(outward);
+            if down.length_squared() <= MIN_SLOPE * MIN_SLOPE {
+                continue;
+            }
             // The wall through the place along `down` and the face's normal.
             let across = down.cross(outward);
             for &other in edges.iter().filter(|other| **other != edge) {

@@ -279,3 +279,6 @@ impl Normals {
         pressed
     }
 }
+
+#[cfg(test)]
+mod tests;

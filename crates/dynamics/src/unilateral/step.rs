@@ -7,7 +7,7 @@ use palpate_core::{Twist, Wrench};
 use super::solver::{Rows, Solver};
 use super::{MotionBound, UnilateralContact};
 use crate::body::BodyState;
-use crate::linear_solve::inverse;
+use crate::linear_solve::{inverse, inverse_definite};
 use crate::step::{Frame, Step, StepFailure, System};
 
 /// Force in the coupling's damper, N, with which an overlap is undone: less than a hand feels as a push.
@@ -53,7 +53,8 @@ pub fn constrained_step(
     };
     let mut twist = Twist::new(state.twist.linear + change.linear, state.twist.angular + change.angular);
     if !contacts.is_empty() {
-        let Some(mobility) = inverse(system.assemble(active).matrix) else {
+        let matrix = system.assemble(active).matrix;
+        let Some(mobility) = inverse_definite(matrix).or_else(|| inverse(matrix)) else {
             return Step::failed(state, StepFailure::Singular).into();
         };
         let factor = cholesky(&symmetric(&mobility));

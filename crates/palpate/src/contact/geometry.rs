@@ -80,6 +80,8 @@ pub(crate) struct StepContacts {
     pub contacts: ArrayVec<UnilateralContact, MAX_UNILATERAL>,
     /// Their indices among the points.
     points: ArrayVec<u16, MAX_UNILATERAL>,
+    /// Where their arms are along x, by which most are told apart, m.
+    along: ArrayVec<f64, MAX_UNILATERAL>,
     /// Largest motion of any point of the body in the step that meets no other point, m.
     pub room: f64,
     /// Largest depth, m; 0 if nothing overlaps.
@@ -264,6 +266,7 @@ impl StepContacts {
     pub fn clear(&mut self) {
         self.contacts.clear();
         self.points.clear();
+        self.along.clear();
         self.room = f64::INFINITY;
         self.depth = 0.0;
     }
@@ -275,19 +278,21 @@ impl StepContacts {
 
     /// Adds a contact, unless it is one that is known. If there is no room, the furthest is left out.
     fn push(&mut self, contact: UnilateralContact, point: u16) {
-        let same = |known: &&mut UnilateralContact| {
-            // Most are told apart by the first.
-            (known.arm.x - contact.arm.x).abs() < SAME_PLACE
-                && known.arm.distance_squared(contact.arm) < SAME_PLACE * SAME_PLACE
+        let at = contact.arm.x;
+        for (known, _) in
+            self.contacts.iter_mut().zip(&self.along).filter(|(_, x)| (**x - at).abs() < SAME_PLACE)
+        {
+            if known.arm.distance_squared(contact.arm) < SAME_PLACE * SAME_PLACE
                 && known.normal.dot(contact.normal) > SAME_NORMAL
-        };
-        if let Some(known) = self.contacts.iter_mut().find(same) {
-            known.gap = known.gap.min(contact.gap);
-            return;
+            {
+                known.gap = known.gap.min(contact.gap);
+                return;
+            }
         }
         if !self.contacts.is_full() {
             self.contacts.push(contact);
             self.points.push(point);
+            self.along.push(at);
             return;
         }
         let furthest = self.contacts.iter().enumerate().max_by(|a, b| a.1.gap.total_cmp(&b.1.gap));
@@ -296,6 +301,7 @@ impl StepContacts {
         if contact.gap < gap {
             self.contacts[furthest] = contact;
             self.points[furthest] = point;
+            self.along[furthest] = at;
         }
     }
 
