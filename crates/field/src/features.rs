@@ -220,6 +220,9 @@ impl FeatureMesh {
 
     /// The point of the surface nearest to a point (m), found from a face near it by a walk over neighbours.
     pub fn walk(&self, p: DVec3, face: u32) -> ClosestPoint {
+        if let Some(over) = self.over(p, face) {
+            return over;
+        }
         let at = |face: u32| {
             let (point, feature) = closest(p, &self.corners(face));
             (point, feature, point.distance_squared(p))
@@ -268,6 +271,21 @@ impl FeatureMesh {
             }
         }
         self.conclude(p, current, point, feature, squared.sqrt())
+    }
+
+    /// The foot of a point on a face that it is over and outside of; a walk from there would end there.
+    #[inline(always)]
+    fn over(&self, p: DVec3, face: u32) -> Option<ClosestPoint> {
+        let normal = self.faces[face as usize].normal;
+        let [a, b, c] = self.corners(face);
+        let distance = normal.dot(p - a);
+        let is_within = |from: DVec3, to: DVec3| normal.cross(to - from).dot(p - from) > 0.0;
+        (distance >= 0.0 && is_within(a, b) && is_within(b, c) && is_within(c, a)).then(|| ClosestPoint {
+            point: p - normal * distance,
+            distance,
+            normal,
+            face,
+        })
     }
 
     fn conclude(&self, p: DVec3, face: u32, point: DVec3, feature: Feature, distance: f64) -> ClosestPoint {

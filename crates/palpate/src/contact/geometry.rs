@@ -329,3 +329,91 @@ impl StepContacts {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::TriMesh;
+    use rand::rngs::StdRng;
+    use rand::{RngExt as _, SeedableRng as _};
+
+    use super::*;
+
+    #[test]
+    fn slacks_that_are_passed_over_are_those_that_are_far() {
+        let mut rng = StdRng::seed_from_u64(0x51AC);
+        for round in 0..500 {
+            let count = round % 50;
+            let before: Vec<f32> = (0..count).map(|_| rng.random_range(-1.0..3.0)).collect();
+            let (gone, reach) = (rng.random_range(0.0..0.5), rng.random_range(0.0..2.0));
+            let (mut slacks, mut near) = (before.clone(), ArrayVec::new());
+            let least = pass(gone, reach, &mut slacks, &mut near);
+            let after: Vec<f32> = before.iter().map(|slack| slack - gone).collect();
+            let wanted: Vec<u16> = (0..count as u16).filter(|i| after[usize::from(*i)] <= reach).collect();
+            let far = after.iter().copied().filter(|slack| *slack > reach).fold(f32::INFINITY, f32::min);
+            assert_eq!((slacks, near.as_slice(), least), (after, wanted.as_slice(), far), "round {round}");
+        }
+        // What is not a number is measured anew.
+        let mut near = ArrayVec::new();
+        assert_eq!(pass(0.0, 1.0, &mut [2.0, f32::NAN], &mut near), 2.0);
+        assert_eq!(near.as_slice(), [1]);
+    }
+
+    fn tetrahedron() -> Arc<FeatureMesh> {
+        let triangles = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+        let mesh = TriMesh::new(vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z], triangles);
+        Arc::new(FeatureMesh::new(&mesh.expect("a tetrahedron")))
+    }
+
+    /// A geometry with points of three objects in turn, at heights (m).
+    fn geometry(heights: [f64; 3], count: usize) -> ContactGeometry {
+        let surface = tetrahedron();
+        let object = |height: f64| NearObject {
+            surface: Arc::clone(&surface),
+            pose: Pose::from_translation(DVec3::Z * height),
+            motion: MovingBody::STILL,
+            speed: height,
+        };
+        let mut made = ContactGeometry {
+            probe: Arc::clone(&surface),
+            center_of_mass: DVec3::splat(0.25),
+            objects: heights.into_iter().map(object).collect(),
+            points: ArrayVec::new(),
+            bound: MotionBound::NONE,
+            friction: Friction::NONE,
+            margin: 0.0,
+            age: 0.0,
+        };
+        let frames = made.frames(&Pose::IDENTITY);
+        let point = |i: usize| GuardedPoint::new((DVec3::X, 0.1), true, (i % 3) as u8, &frames[i % 3]);
+        let points = (0..count).map(point).collect();
+        made.points = points;
+        made
+    }
+
+    #[test]
+    fn points_are_copied_in_the_order_of_the_objects() {
+        let mut slacks = Slacks::default();
+        let mut copy = geometry([9.0, 8.0, 7.0], 1);
+        for (heights, count) in [([2.0, 3.0, 4.0], 10), ([5.0, 3.0, 4.0], 7), ([2.0, 3.0, 4.0], 0)] {
+            let found = geometry(heights, count);
+            copy.assign(&found, &mut slacks);
+            let order: Vec<u8> = copy.points.iter().map(|point| point.object).collect();
+            let wanted =
+                |object: u8| (0..count).filter(move |i| i % 3 == usize::from(object)).map(move |_| object);
+            assert_eq!(order, [0, 1, 2].into_iter().flat_map(wanted).collect::<Vec<u8>>());
+            let of_points: Vec<f32> = copy.points.iter().map(|point| point.slack).collect();
+            assert_eq!(slacks.values.as_slice(), of_points);
+            assert_eq!(slacks.ends.last().map(|end| usize::from(*end)), Some(count));
+            for (copy, found) in copy.objects.iter().zip(&found.objects) {
+                assert!(Arc::ptr_eq(&copy.surface, &found.surface) && copy.pose == found.pose);
+            }
+            // Each object's points lose its own motion.
+            let before = slacks.clone();
+            copy.shift(&mut slacks, 0.5, 0.1);
+            for ((after, before), point) in slacks.values.iter().zip(&before.values).zip(&copy.points) {
+                let gone = 0.5 + 0.1 * heights[usize::from(point.object)];
+                assert!((f64::from(before - after) - gone).abs() < 1e-6, "{before} to {after}");
+            }
+        }
+    }
+}
