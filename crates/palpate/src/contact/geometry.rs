@@ -383,10 +383,11 @@ mod tests {
             margin: 0.0,
             age: 0.0,
         };
-        let frames = made.frames(&Pose::IDENTITY);
-        let point = |i: usize| GuardedPoint::new((DVec3::X, 0.1), true, (i % 3) as u8, &frames[i % 3]);
-        let points = (0..count).map(point).collect();
-        made.points = points;
+        made.points = {
+            let frames = made.frames(&Pose::IDENTITY);
+            let point = |i: usize| GuardedPoint::new((DVec3::X, 0.1), true, (i % 3) as u8, &frames[i % 3]);
+            (0..count).map(point).collect()
+        };
         made
     }
 
