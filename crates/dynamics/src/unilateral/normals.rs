@@ -140,8 +140,9 @@ impl System {
             for (k, entries) in self.matrix.iter_mut().enumerate() {
                 let gain = side.stiffness * side.row[k];
                 // In pairs.
-                for column in k & !1..6 {
-                    entries[column] += gain * side.row[column];
+                let from = k & !1;
+                for (entry, along) in entries[from..].iter_mut().zip(&side.row[from..]) {
+                    *entry += gain * along;
                 }
             }
             add(&mut self.right, side.stiffness * side.excess, &side.row);
@@ -157,9 +158,8 @@ impl System {
         let mut right = self.right;
         for row in 0..6 {
             right[row] += others[row];
-            for column in 0..6 {
-                let entry = self.matrix[row.min(column)][row.max(column)];
-                right[row] -= entry * others[column];
+            for (column, other) in others.iter().enumerate() {
+                right[row] -= self.matrix[row.min(column)][row.max(column)] * other;
             }
         }
         self.factors.solve(right)

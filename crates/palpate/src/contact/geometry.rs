@@ -245,7 +245,7 @@ fn pass(gone: f32, reach: f32, slacks: &mut [f32], near: &mut ArrayVec<u16, MAX_
             continue;
         }
         for (lane, slack) in slacks.iter().enumerate() {
-            if !(*slack > reach) {
+            if *slack <= reach || slack.is_nan() {
                 near.push((LANES * chunk + lane) as u16);
             }
         }
