@@ -1,4 +1,4 @@
-//! Contact impulses: of the normals exactly, by an active-set method; of friction by projection, in turn with
+//! Contact impulses: of the normals exactly, by Newton's method; of friction by projection, in turn with
 //! them.
 //!
 //! # Coordinates
@@ -105,8 +105,8 @@ fn scaled(factor: &[Six; 6], arm: DVec3, axis: DVec3) -> Six {
 }
 
 impl<'a> Solver<'a> {
-    /// Prepares contacts, given the body's free velocity and the lower factor K of its mobility, for a step of
-    /// `dt` (s) with a largest recovery velocity (m/s).
+    /// Prepares contacts, given the body's free velocity and the lower factor K of its mobility, for a step
+    /// of `dt` (s) with a largest recovery velocity (m/s).
     pub fn new(
         contacts: &'a [UnilateralContact],
         free: &'a Twist,

@@ -227,8 +227,8 @@ impl NearObject {
     }
 }
 
-/// Takes a motion (m) off all slacks. Appends the indices of those within a reach (m), and returns the least of
-/// the others, m.
+/// Takes a motion (m) off all slacks. Appends the indices of those within a reach (m), and returns the least
+/// of the others, m.
 fn pass(gone: f32, reach: f32, slacks: &mut [f32], near: &mut ArrayVec<u16, MAX_POINTS>) -> f32 {
     const LANES: usize = 8;
     let mut least = [f32::INFINITY; LANES];
