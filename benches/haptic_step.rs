@@ -1,19 +1,25 @@
 //! Time of one haptic step (§5.2) by the number of pushing contacts: 0, 1, 5 (the K of §5.5.1) and 16 (the
 //! most in a model), without friction and with it, and with 5 while one model blends into the next. Also of a
 //! step of a tool of two bodies with a hinge (`articulated`), with as many contacts in all; and of a whole
-//! step of a session's haptic loop (`loop`), from a device's reading to the written wrench, with all checks.
+//! step of a session's haptic loop (`loop`), from a device's reading to the written wrench, with all checks;
+//! and of such a step with contacts as constraints and friction (`constraints`), with contact geometry that
+//! is found at 500 Hz: a prism that slides on 16 corners, a peg held aslant in its hole, and a free one. For
+//! these, percentiles of single steps are printed as well.
 //!
 //! `cargo bench -p palpate-benches --bench haptic_step`. A line before each measurement prints how many
 //! contacts push and how many 6×6 systems a step solves. With the arguments `histogram STEPS`, as in `cargo
 //! bench -p palpate-benches --bench haptic_step -- histogram 10000000`, it prints percentiles of single steps
 //! with 5 contacts and friction, of a body that is dragged to and fro. `valgrind --tool=callgrind` on the
-//! same program with the arguments `count CONTACTS STEPS` (or `count-loop CONTACTS STEPS`) counts
-//! instructions, which are more meaningful than times on a shared machine.
+//! same program with the arguments `count CONTACTS STEPS` (or `count-loop CONTACTS STEPS`, or
+//! `count-constraints TASK STEPS`) counts instructions, which are more meaningful than times on a shared
+//! machine.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "a program that reports to the console")]
 
+mod constrained;
+
 use std::hint::black_box;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use criterion::{BenchmarkId, Criterion};
 use palpate::device::{DeviceState, Emulation, Status};
@@ -28,7 +34,12 @@ use palpate::telemetry::Times;
 use palpate::{Contact, ContactUpdate, HapticLoop, HapticRenderer, Pose, Record, Settings, Twist};
 use palpate_tests::model;
 
+use self::constrained::{Replay, Task};
+
 const STEP: f64 = 1e-3;
+
+/// Number of single steps with constraints whose percentiles are printed.
+const SINGLE_STEPS: u64 = 200_000;
 
 struct Scene {
     body: Body,
@@ -254,6 +265,13 @@ fn main() {
                 black_box(black_box(&mut session).step());
             }
         }
+        [command, task, steps] if command == "count-constraints" => {
+            let task = Task::ALL.into_iter().find(|known| known.name() == task).expect("a task");
+            let mut replay = Replay::record(task);
+            for _ in 0..steps.parse().expect("a number of steps") {
+                black_box(replay.step());
+            }
+        }
         [command, steps] if command == "histogram" => histogram(steps.parse().expect("a number of steps")),
         _ => measure(),
     }
@@ -289,6 +307,14 @@ fn measure() {
         println!("loop, {contacts} contacts: {force:.3} N");
         group.bench_function(BenchmarkId::new("loop", contacts), |b| {
             b.iter(|| black_box(&mut session).step())
+        });
+    }
+    for task in Task::ALL {
+        let mut replay = Replay::record(task);
+        println!("constraints, {}: {:.1} contacts, {:.2} N", task.name(), replay.contacts, replay.force);
+        println!("{SINGLE_STEPS} single steps, us: {:?}", replay.percentiles(SINGLE_STEPS));
+        group.bench_function(BenchmarkId::new("constraints", task.name()), |b| {
+            b.iter_custom(|steps| (0..steps).map(|_| replay.step()).sum::<Duration>())
         });
     }
     group.finish();

@@ -119,6 +119,34 @@ pub(crate) fn inverse<const N: usize>(mut matrix: [[f64; N]; N]) -> Option<[[f64
     result.iter().flatten().all(|entry| entry.is_finite()).then_some(result)
 }
 
+/// The inverse of a matrix whose symmetric part is positive definite, by Gauss–Jordan elimination without
+/// pivoting; `None` also if a pivot is not positive and finite, or an entry of the result is not finite.
+pub(crate) fn inverse_definite<const N: usize>(mut matrix: [[f64; N]; N]) -> Option<[[f64; N]; N]> {
+    // In place: the columns of the inverse take those of the matrix.
+    for column in 0..N {
+        let pivot = matrix[column][column];
+        if pivot <= 0.0 || !pivot.is_finite() {
+            return None;
+        }
+        let scale = 1.0 / pivot;
+        matrix[column][column] = 1.0;
+        for entry in &mut matrix[column] {
+            *entry *= scale;
+        }
+        let pivot_row = matrix[column];
+        for (row, entries) in matrix.iter_mut().enumerate() {
+            if row == column {
+                continue;
+            }
+            let factor = std::mem::take(&mut entries[column]);
+            for (entry, above) in entries.iter_mut().zip(&pivot_row) {
+                *entry -= factor * above;
+            }
+        }
+    }
+    matrix.iter().flatten().all(|entry| entry.is_finite()).then_some(matrix)
+}
+
 /// Whether a symmetric matrix is positive definite, by the signs of the pivots of its LDLᵀ factorisation.
 #[inline(always)]
 pub(crate) fn is_positive_definite<const N: usize>(mut matrix: [[f64; N]; N]) -> bool {
@@ -242,6 +270,30 @@ mod tests {
             }
         }
         assert_eq!(inverse([[0.0, 2.0], [4.0, 0.0]]), Some([[0.0, 0.25], [0.5, 0.0]]));
+    }
+
+    #[test]
+    fn inverse_without_pivoting_is_that_with_it_where_the_matrix_is_definite() {
+        let seed = 15;
+        let mut rng = StdRng::seed_from_u64(seed);
+        for case in 0..2000 {
+            let (factor, skew) = (random_matrix::<6>(&mut rng), random_matrix::<6>(&mut rng));
+            let matrix: [[f64; 6]; 6] = std::array::from_fn(|i| {
+                std::array::from_fn(|j| {
+                    let gram: f64 = (0..6).map(|k| factor[i][k] * factor[j][k]).sum();
+                    gram + f64::from(i == j) + skew[i][j] - skew[j][i]
+                })
+            });
+            let (found, wanted) =
+                (inverse_definite(matrix).expect("definite"), inverse(matrix).expect("regular"));
+            for (found, wanted) in found.iter().flatten().zip(wanted.iter().flatten()) {
+                assert!((found - wanted).abs() < 1e-13, "seed {seed}, case {case}: {found}, not {wanted}");
+            }
+        }
+        assert_eq!(inverse_definite([[-1.0, 0.0], [0.0, 1.0]]), None);
+        assert_eq!(inverse_definite([[1.0, 2.0], [2.0, 1.0]]), None);
+        assert_eq!(inverse_definite([[1.0, f64::NAN], [0.0, 1.0]]), None);
+        assert_eq!(inverse_definite([[f64::INFINITY, 0.0], [0.0, 1.0]]), None);
     }
 
     #[test]

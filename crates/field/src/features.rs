@@ -7,6 +7,7 @@
 //! side is never taken for the near one.
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use arrayvec::ArrayVec;
 use glam::{DVec3, Vec3};
@@ -57,6 +58,8 @@ pub struct FeatureMesh {
     complete_above: f64,
     faces_around: Lists,
     edges_around: Lists,
+    /// Unit vectors along the entries of `edges_around`, away from the vertex.
+    outgoing: Vec<DVec3>,
     exact: ExactDistance,
 }
 
@@ -126,9 +129,12 @@ impl Lists {
         Self { starts, entries }
     }
 
+    fn range(&self, vertex: u32) -> Range<usize> {
+        self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize
+    }
+
     fn of(&self, vertex: u32) -> &[u32] {
-        let range = self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize;
-        &self.entries[range]
+        &self.entries[self.range(vertex)]
     }
 
     fn bytes(&self) -> usize {
@@ -176,6 +182,15 @@ impl FeatureMesh {
             Lists::new(count, faces.iter().enumerate().flat_map(|(index, face)| around(index, face)));
         let ends = edges.iter().enumerate().flat_map(|(index, ends)| ends.map(|end| (end, index as u32)));
         let edges_around = Lists::new(count, ends);
+        let vertices = mesh.vertices();
+        let outgoing = (0..count as u32)
+            .flat_map(|vertex| edges_around.of(vertex).iter().map(move |&edge| (vertex, edge)));
+        let outgoing = outgoing.map(|(vertex, edge)| {
+            let [a, b] = edges[edge as usize];
+            let to = if a == vertex { b } else { a };
+            (vertices[to as usize] - vertices[vertex as usize]).normalize_or_zero()
+        });
+        let outgoing = outgoing.collect();
         let mut normals = vec![DVec3::ZERO; count];
         for (index, face) in faces.iter().enumerate() {
             let at = mesh.corners(index);
@@ -196,6 +211,7 @@ impl FeatureMesh {
             complete_above: 0.0,
             faces_around,
             edges_around,
+            outgoing,
             exact,
         };
         let mut sharp: Vec<(u32, f64)> = (0..made.edges.len() as u32)
@@ -231,7 +247,8 @@ impl FeatureMesh {
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         size_of::<Self>()
-            + (self.vertices.capacity() + self.normals.capacity()) * size_of::<DVec3>()
+            + (self.vertices.capacity() + self.normals.capacity() + self.outgoing.capacity())
+                * size_of::<DVec3>()
             + self.faces.capacity() * size_of::<Face>()
             + (self.edges.capacity() + self.sides.capacity()) * size_of::<[u32; 2]>()
             + self.long.capacity() * size_of::<(u32, f64)>()
@@ -246,6 +263,9 @@ impl FeatureMesh {
 
     /// The point of the surface nearest to a point (m), found from a face near it by a walk over neighbours.
     pub fn walk(&self, p: DVec3, face: u32) -> ClosestPoint {
+        if let Some(over) = self.over(p, face) {
+            return over;
+        }
         let at = |face: u32| {
             let (point, feature) = closest(p, &self.corners(face));
             (point, feature, point.distance_squared(p))
@@ -253,22 +273,40 @@ impl FeatureMesh {
         let mut current = face;
         let (mut point, mut feature, mut squared) = at(face);
         for _ in 0..MAX_WALK {
+            let (from, on, before) = (point, feature, squared);
             let Face { corners, neighbours, normal, .. } = &self.faces[current as usize];
-            let candidates: [&[u32]; 3] = match feature {
-                // From inside, a face next to it may be nearer without an edge between being so.
-                Feature::Face if normal.dot(p - point) < 0.0 => {
-                    corners.map(|corner| self.faces_around.of(corner))
-                }
-                Feature::Face => break,
-                Feature::Edge(edge) => [&neighbours[edge..=edge], &[], &[]],
-                Feature::Vertex(vertex) => [self.faces_around.of(corners[vertex]), &[], &[]],
-            };
-            let before = squared;
-            for &candidate in candidates.into_iter().flatten().filter(|face| **face != NONE) {
+            let mut visit = |candidate: u32| {
                 let found = at(candidate);
                 if found.2 < squared {
                     (point, feature, squared) = found;
                     current = candidate;
+                }
+            };
+            match on {
+                // From inside, a face next to it may be nearer without an edge between being so.
+                Feature::Face if normal.dot(p - from) < 0.0 => {
+                    let around = corners.iter().flat_map(|corner| self.faces_around.of(*corner));
+                    around.for_each(|face| visit(*face));
+                }
+                Feature::Face => break,
+                Feature::Edge(edge) if neighbours[edge] == NONE => break,
+                Feature::Edge(edge) => {
+                    // Not nearer than the edge on its own side of it.
+                    let [start, end] = [edge, (edge + 1) % 3].map(|i| self.vertices[corners[i] as usize]);
+                    let across = self.faces[neighbours[edge] as usize].normal;
+                    if across != DVec3::ZERO && (end - start).cross(across).dot(p - from) <= 0.0 {
+                        break;
+                    }
+                    visit(neighbours[edge]);
+                }
+                Feature::Vertex(vertex) => {
+                    let vertex = corners[vertex];
+                    // No edge leads nearer, and so no face between them does.
+                    let outgoing = &self.outgoing[self.edges_around.range(vertex)];
+                    if outgoing.iter().all(|outgoing| outgoing.dot(p - from) <= 0.0) {
+                        break;
+                    }
+                    self.faces_around.of(vertex).iter().for_each(|face| visit(*face));
                 }
             }
             if squared >= before {
@@ -276,6 +314,21 @@ impl FeatureMesh {
             }
         }
         self.conclude(p, current, point, feature, squared.sqrt())
+    }
+
+    /// The foot of a point on a face that it is over and outside of; a walk from there would end there.
+    #[inline(always)]
+    fn over(&self, p: DVec3, face: u32) -> Option<ClosestPoint> {
+        let normal = self.faces[face as usize].normal;
+        let [a, b, c] = self.corners(face);
+        let distance = normal.dot(p - a);
+        let is_within = |from: DVec3, to: DVec3| normal.cross(to - from).dot(p - from) > 0.0;
+        (distance >= 0.0 && is_within(a, b) && is_within(b, c) && is_within(c, a)).then(|| ClosestPoint {
+            point: p - normal * distance,
+            distance,
+            normal,
+            face,
+        })
     }
 
     fn conclude(&self, p: DVec3, face: u32, point: DVec3, feature: Feature, distance: f64) -> ClosestPoint {
@@ -293,8 +346,8 @@ impl FeatureMesh {
         // Over a face the direction is the face's normal, at any distance.
         let normal = match feature {
             Feature::Face => outward,
-            _ if distance < MIN_DIRECTED => outward,
-            _ => ((p - point) * sign).try_normalize().unwrap_or(outward),
+            _ if distance >= MIN_DIRECTED => (p - point) * (sign / distance),
+            _ => outward,
         };
         ClosestPoint { point, distance: sign * distance, normal, face }
     }
@@ -338,6 +391,7 @@ impl FeatureMesh {
     }
 
     /// Position of a place, m.
+    #[inline]
     pub fn position(&self, place: &Place) -> DVec3 {
         match *place {
             Place::Vertex(vertex) => self.vertices[vertex as usize],
@@ -380,27 +434,30 @@ impl FeatureMesh {
             Place::Edge(edge, at) => {
                 let at = f64::from(at);
                 let [from, to] = self.ends(edge);
-                let slope = normal.dot((to - from).normalize_or_zero());
-                let end = self.leashed(edge, if slope > 0.0 { 0.0 } else { 1.0 }, leash);
-                let next = at + (end - at) * stride;
-                if slope.abs() > MIN_SLOPE && (next - at).abs() > MIN_STEP {
-                    return Some(self.on_edge(edge, next));
+                let along = to - from;
+                let rise = normal.dot(along);
+                if rise * rise > MIN_SLOPE * MIN_SLOPE * along.length_squared() {
+                    let end = self.leashed(edge, if rise > 0.0 { 0.0 } else { 1.0 }, leash);
+                    let next = at + (end - at) * stride;
+                    if (next - at).abs() > MIN_STEP {
+                        return Some(self.on_edge(edge, next));
+                    }
                 }
                 self.across_a_face(edge, at, normal, leash)
             }
             Place::Vertex(vertex) => {
-                let from = self.vertices[vertex as usize];
+                let around = self.edges_around.range(vertex);
                 let mut steepest = (-MIN_SLOPE, None);
-                for &edge in self.edges_around.of(vertex) {
-                    let [a, b] = self.edges[edge as usize];
-                    let to = self.vertices[if a == vertex { b } else { a } as usize];
-                    let along = to - from;
-                    let slope = normal.dot(along) / along.length();
+                for (&edge, outgoing) in
+                    self.edges_around.entries[around.clone()].iter().zip(&self.outgoing[around])
+                {
+                    let slope = normal.dot(*outgoing);
                     if slope < steepest.0 {
-                        steepest = (slope, Some((edge, a == vertex)));
+                        steepest = (slope, Some(edge));
                     }
                 }
-                let (edge, is_first) = steepest.1?;
+                let edge = steepest.1?;
+                let is_first = self.edges[edge as usize][0] == vertex;
                 let (at, end) = if is_first { (0.0, 1.0) } else { (1.0, 0.0) };
                 let end = self.leashed(edge, end, leash);
                 let next = at + (end - at) * stride;
@@ -417,6 +474,9 @@ impl FeatureMesh {
         for &face in self.sides[edge as usize].iter().filter(|face| **face != NONE) {
             let Face { edges, normal: outward, .. } = self.faces[face as usize];
             let down = -normal.reject_from(outward);
+            if down.length_squared() <= MIN_SLOPE * MIN_SLOPE {
+                continue;
+            }
             // The wall through the place along `down` and the face's normal.
             let across = down.cross(outward);
             for &other in edges.iter().filter(|other| **other != edge) {
@@ -442,6 +502,9 @@ impl FeatureMesh {
     fn leashed(&self, edge: u32, at: f64, leash: &Leash) -> f64 {
         let [from, to] = self.ends(edge);
         let (along, off) = (to - from, from - leash.home.as_dvec3());
+        if (off + along * at).length_squared() <= f64::from(leash.length).powi(2) {
+            return at;
+        }
         let (square, half) = (along.length_squared(), along.dot(off));
         let root = half * half - square * (off.length_squared() - f64::from(leash.length).powi(2));
         let middle = -half / square;

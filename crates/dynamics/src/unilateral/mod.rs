@@ -25,6 +25,7 @@
 //! is shortened, and the velocity with it, which only takes energy out. The body then waits for newer
 //! contacts.
 
+mod normals;
 mod solver;
 mod step;
 #[cfg(test)]

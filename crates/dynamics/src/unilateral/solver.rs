@@ -1,299 +1,254 @@
-//! Contact impulses: of the normals exactly, by an active-set method; of friction by projection, in turn with
+//! Contact impulses: of the normals exactly, by Newton's method; of friction by projection, in turn with
 //! them.
+//!
+//! # Coordinates
+//!
+//! The mobility A⁻¹ = K Kᵀ takes impulses Σ Jᵀ p to changes of the velocity. With scaled rows j = J K and y =
+//! Σ jᵀ p, a row's velocity is J v − j y, for the free velocity v: both what an impulse does and what a row
+//! feels are one product with j, and all impulses together act as the six numbers y.
 
 use arrayvec::ArrayVec;
 use glam::DVec3;
 use palpate_core::Twist;
 
+use super::normals::{Normals, Side};
 use super::{MAX_UNILATERAL, UnilateralContact};
 use crate::system::six;
 
-/// Largest number of rounds of friction. With fewer, many contacts that slide at once creep.
-const MAX_ROUNDS: u32 = 10;
-
-/// Number of passes over the contacts' friction in a round.
-const PASSES: u32 = 3;
-
-/// Largest number of changes of the active set. With fewer, a body that meets many surfaces at once overlaps
-/// some of them.
-const MAX_CHANGES: u32 = 3 * MAX_UNILATERAL as u32;
+/// Largest number of passes over the contacts' friction. With fewer, many contacts that slide at once creep.
+const MAX_PASSES: u32 = 30;
 
 /// Velocities below this are rounding, m/s.
 const MIN_VELOCITY: f64 = 1e-9;
 
-/// Largest change of a contact velocity in a round of friction, relative to the largest free one, at which
-/// the rounds end. With more, contacts creep; with less, steps take longer.
+/// Largest change of a contact velocity in a pass, relative to the largest free one, at which the passes
+/// end. With more, contacts creep; with less, steps take longer.
 const ROUND_TOLERANCE: f64 = 1e-4;
 
 /// Compliance of a contact relative to the body's own mobility along it. Without it the impulses of redundant
 /// contacts are not unique and wander; with much more, contacts are felt to yield.
 const COMPLIANCE: f64 = 1e-3;
 
-type Six = [f64; 6];
+pub(super) type Six = [f64; 6];
 
-/// One contact's rows.
+/// Friction of one contact that has pushed.
 #[derive(Clone, Copy)]
-struct Row {
-    /// Orthonormal axes: normal and two tangents.
-    axes: [DVec3; 3],
-    /// Jacobian rows (axis, a × axis).
-    jacobian: [Six; 3],
-    /// A⁻¹ Jᵀ, of the contacts that have pushed.
-    response: [Six; 3],
-    is_ready: bool,
-    /// The larger of the two diagonal entries of J A⁻¹ Jᵀ along the surface.
-    tangent_mobility: f64,
-    compliance: f64,
-    /// Largest approach velocity along the normal, and the surface's velocity along the tangents, m/s.
-    approach: f64,
-    slide: [f64; 2],
-    friction: f64,
-    impulse: [f64; 3],
+struct Friction {
+    /// Index of the contact.
+    contact: u8,
+    /// Orthonormal tangents.
+    axes: [DVec3; 2],
+    /// Scaled rows along them.
+    rows: [Six; 2],
+    /// Velocity over the surface without impulses, m/s.
+    slip: [f64; 2],
+    /// One over the larger of the two mobilities along the surface.
+    mass: f64,
+    /// μ.
+    coefficient: f64,
+    impulse: [f64; 2],
+}
+
+/// Rows of the contacts of a step, stored by the caller since they are large.
+#[derive(Default)]
+pub(super) struct Rows {
+    normals: Normals,
+    rubbing: ArrayVec<Friction, MAX_UNILATERAL>,
 }
 
 /// Contacts of one step, with the velocity of the body.
 pub(super) struct Solver<'a> {
-    rows: ArrayVec<Row, MAX_UNILATERAL>,
-    velocity: Six,
-    /// A⁻¹.
-    inverse: &'a [Six; 6],
+    contacts: &'a [UnilateralContact],
+    free: &'a Twist,
+    /// K.
+    factor: &'a [Six; 6],
+    rows: &'a mut Rows,
+    /// y of the normals, and of friction.
+    pressed: Six,
+    rubbed: Six,
+    /// Set of the contacts that have friction rows.
+    ready: u64,
 }
 
 #[inline(always)]
-fn dot(a: &Six, b: &Six) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+pub(super) fn dot(a: &Six, b: &Six) -> f64 {
+    // Two lanes.
+    (a[0] * b[0] + a[2] * b[2] + a[4] * b[4]) + (a[1] * b[1] + a[3] * b[3] + a[5] * b[5])
 }
 
 #[inline(always)]
-fn add(to: &mut Six, gain: f64, from: &Six) {
+pub(super) fn add(to: &mut Six, gain: f64, from: &Six) {
     for (to, from) in to.iter_mut().zip(from) {
         *to += gain * from;
     }
 }
 
+#[inline(always)]
+pub(super) fn sum(a: &Six, b: &Six) -> Six {
+    let mut sum = *a;
+    add(&mut sum, 1.0, b);
+    sum
+}
+
+/// The scaled row Kᵀ Jᵀ of a unit velocity along an axis at an arm, for a lower factor K.
+#[inline(always)]
+fn scaled(factor: &[Six; 6], arm: DVec3, axis: DVec3) -> Six {
+    let row = six(axis, arm.cross(axis));
+    let mut scaled = [0.0; 6];
+    for (k, (entries, value)) in factor.iter().zip(row).enumerate() {
+        // In pairs.
+        for column in 0..(k + 2) & !1 {
+            scaled[column] += value * entries[column];
+        }
+    }
+    scaled
+}
+
 impl<'a> Solver<'a> {
-    /// Prepares contacts, given the body's free velocity and the inverse of the step's matrix, for a step of
-    /// `dt` (s) with a largest recovery velocity (m/s).
+    /// Prepares contacts, given the body's free velocity and the lower factor K of its mobility, for a step
+    /// of `dt` (s) with a largest recovery velocity (m/s).
     pub fn new(
-        contacts: &[UnilateralContact],
-        free: &Twist,
-        inverse: &'a [Six; 6],
+        contacts: &'a [UnilateralContact],
+        free: &'a Twist,
+        factor: &'a [Six; 6],
         dt: f64,
         recovery: f64,
+        rows: &'a mut Rows,
     ) -> Self {
-        let rows = contacts.iter().map(|contact| Row::new(contact, dt, recovery));
-        let mut rows: ArrayVec<Row, MAX_UNILATERAL> = rows.take(MAX_UNILATERAL).collect();
-        rows.iter_mut().filter(|row| row.impulse != [0.0; 3]).for_each(|row| row.prepare(inverse));
-        Self { rows, velocity: six(free.linear, free.angular), inverse }
+        let contacts = &contacts[..contacts.len().min(MAX_UNILATERAL)];
+        let mut solver = Self { contacts, free, factor, rows, pressed: [0.0; 6], rubbed: [0.0; 6], ready: 0 };
+        for (index, contact) in contacts.iter().enumerate() {
+            let UnilateralContact { arm, normal, gap, velocity, impulse, .. } = *contact;
+            let row = scaled(factor, arm, normal);
+            let limit = normal.dot(velocity) + (gap / dt).max(-recovery);
+            let excess = normal.dot(free.velocity_at(arm)) - limit;
+            let stiffness = 1.0 / (COMPLIANCE * dot(&row, &row));
+            let impulse_before = normal.dot(impulse);
+            solver.rows.normals.push(Side { row, excess, stiffness }, impulse_before > 0.0);
+            if impulse != DVec3::ZERO {
+                solver.prepare(index);
+            }
+        }
+        solver
+    }
+
+    /// Makes the friction rows of a contact, from its impulse in the last step.
+    fn prepare(&mut self, index: usize) {
+        let UnilateralContact { arm, normal, velocity, friction, impulse, .. } = self.contacts[index];
+        if friction.is_nan() || friction <= 0.0 || self.ready & 1 << index != 0 {
+            return;
+        }
+        self.ready |= 1 << index;
+        let (first, second) = normal.any_orthonormal_pair();
+        let axes = [first, second];
+        let rows = [scaled(self.factor, arm, first), scaled(self.factor, arm, second)];
+        let over = self.free.velocity_at(arm) - velocity;
+        let mobility = dot(&rows[0], &rows[0]).max(dot(&rows[1], &rows[1]));
+        let impulse = [first.dot(impulse), second.dot(impulse)];
+        add(&mut self.rubbed, impulse[0], &rows[0]);
+        add(&mut self.rubbed, impulse[1], &rows[1]);
+        self.rows.rubbing.push(Friction {
+            contact: index as u8,
+            axes,
+            rows,
+            slip: [first.dot(over), second.dot(over)],
+            mass: 1.0 / mobility,
+            coefficient: friction,
+            impulse,
+        });
     }
 
     /// Finds the impulses. Returns the body's velocity with them, and whether they converged.
     pub fn solve(&mut self) -> (Twist, bool) {
-        let mut size = MIN_VELOCITY;
-        for row in &self.rows {
-            size = size.max((dot(&row.jacobian[0], &self.velocity) - row.approach).abs());
-            for axis in [1, 2] {
-                add(&mut self.velocity, -row.impulse[axis], &row.response[axis]);
-            }
-        }
-        let mut converged = self.push(1e-3 * ROUND_TOLERANCE * size);
-        let rubs = self.rows.iter().any(|row| row.friction > 0.0);
-        let mut round = 0;
-        while rubs && converged {
-            // The first pass sees what the new normal impulses change.
-            let change = (0..PASSES).map(|_| self.rub()).fold(0.0, f64::max);
-            for Row { impulse, response, .. } in &self.rows {
-                add(&mut self.velocity, impulse[0], &response[0]);
-            }
-            converged = self.push(1e-3 * ROUND_TOLERANCE * size);
-            round += 1;
+        let size = self.rows.normals.largest_excess().max(MIN_VELOCITY);
+        let mut converged = self.push(size);
+        let mut passes = 0;
+        while converged && !self.rows.rubbing.is_empty() {
+            let change = self.rub();
+            converged = self.push(size);
+            passes += 1;
             if change <= ROUND_TOLERANCE * size {
                 break;
             }
-            if round == MAX_ROUNDS {
+            if passes == MAX_PASSES {
                 converged = false;
             }
         }
-        let [vx, vy, vz, wx, wy, wz] = self.velocity;
-        (Twist { linear: DVec3::new(vx, vy, vz), angular: DVec3::new(wx, wy, wz) }, converged)
+        let felt = sum(&self.pressed, &self.rubbed);
+        let mut moved = [0.0; 6];
+        for (moved, entries) in moved.iter_mut().zip(self.factor) {
+            *moved = dot(entries, &felt);
+        }
+        let [vx, vy, vz, wx, wy, wz] = moved;
+        let twist = Twist {
+            linear: self.free.linear - DVec3::new(vx, vy, vz),
+            angular: self.free.angular - DVec3::new(wx, wy, wz),
+        };
+        (twist, converged)
     }
 
-    /// Finds the normal impulses for given friction, and updates the velocity. The impulses p ≥ 0 minimise
-    /// ½ pᵀ (W + c) p − qᵀ p with W = J A⁻¹ Jᵀ and the approach q = J v − limit without them (Lawson and
-    /// Hanson 1974, *Solving Least Squares Problems*, ch. 23). Approaches below `tolerance` (m/s) are
-    /// allowed. Returns whether the search ended.
-    fn push(&mut self, tolerance: f64) -> bool {
-        // `velocity` holds no normal impulses while `without` is solved for.
-        let without = self.velocity;
-        let mut active: ArrayVec<usize, MAX_UNILATERAL> =
-            (0..self.rows.len()).filter(|&index| self.rows[index].impulse[0] > 0.0).collect();
-        for row in &mut self.rows {
-            row.impulse[0] = row.impulse[0].max(0.0);
+    /// Finds the normal impulses for given friction. Returns whether the search ended.
+    fn push(&mut self, size: f64) -> bool {
+        let (pressed, ended) = self.rows.normals.solve(&self.rubbed, size);
+        self.pressed = pressed;
+        let mut new = self.rows.normals.active() & !self.ready;
+        while new != 0 {
+            self.prepare(new.trailing_zeros() as usize);
+            new &= new - 1;
         }
-        for _ in 0..MAX_CHANGES {
-            let wanted = self.balanced(&active, &without);
-            // The way to the wanted impulses on which none pulls.
-            let mut share: f64 = 1.0;
-            for (&index, &wanted) in active.iter().zip(&wanted) {
-                if wanted <= 0.0 {
-                    let impulse = self.rows[index].impulse[0];
-                    share = share.min(impulse / (impulse - wanted).max(f64::MIN_POSITIVE));
-                }
-            }
-            for (&index, &wanted) in active.iter().zip(&wanted) {
-                let impulse = &mut self.rows[index].impulse[0];
-                *impulse += share * (wanted - *impulse);
-            }
-            if share < 1.0 {
-                let mut kept = ArrayVec::new();
-                for (&index, &wanted) in active.iter().zip(&wanted) {
-                    let impulse = &mut self.rows[index].impulse[0];
-                    if wanted <= 0.0 && *impulse <= f64::EPSILON * wanted.abs() + f64::MIN_POSITIVE {
-                        *impulse = 0.0;
-                    } else {
-                        kept.push(index);
-                    }
-                }
-                active = kept;
-                continue;
-            }
-            self.velocity = without;
-            for &index in &active {
-                let Row { impulse, response, .. } = &self.rows[index];
-                add(&mut self.velocity, -impulse[0], &response[0]);
-            }
-            match self.fastest(&active, tolerance) {
-                Some(index) => {
-                    self.rows[index].prepare(self.inverse);
-                    active.push(index);
-                }
-                None => return true,
-            }
-        }
-        false
-    }
-
-    /// The contact outside a set that approaches fastest, by more than a tolerance, m/s.
-    fn fastest(&self, active: &[usize], tolerance: f64) -> Option<usize> {
-        let mut found = (tolerance, None);
-        for (index, row) in self.rows.iter().enumerate() {
-            let excess = dot(&row.jacobian[0], &self.velocity) - row.approach;
-            if excess > found.0 && !active.contains(&index) {
-                found = (excess, Some(index));
-            }
-        }
-        found.1
-    }
-
-    /// Normal impulses with which the contacts of a set approach at their limits, given the velocity without
-    /// them: (W + c) p = q, by Cholesky factorisation.
-    fn balanced(&self, active: &[usize], without: &Six) -> ArrayVec<f64, MAX_UNILATERAL> {
-        let mut lower = [[0.0; MAX_UNILATERAL]; MAX_UNILATERAL];
-        let mut solution = ArrayVec::new();
-        for (i, &index) in active.iter().enumerate() {
-            let row = &self.rows[index];
-            let mut right = dot(&row.jacobian[0], without) - row.approach;
-            for (j, &other) in active[..=i].iter().enumerate() {
-                let mut entry = dot(&row.jacobian[0], &self.rows[other].response[0]);
-                for (left, right) in lower[i][..j].iter().zip(&lower[j][..j]) {
-                    entry -= left * right;
-                }
-                if i == j {
-                    lower[i][i] = (entry + row.compliance).max(row.compliance).sqrt();
-                } else {
-                    lower[i][j] = entry / lower[j][j];
-                    right -= lower[i][j] * solution[j];
-                }
-            }
-            solution.push(right / lower[i][i]);
-        }
-        for i in (0..active.len()).rev() {
-            solution[i] /= lower[i][i];
-            for j in 0..i {
-                solution[j] -= lower[i][j] * solution[i];
-            }
-        }
-        solution
+        ended
     }
 
     /// Updates the friction of all contacts once, for given normal impulses. Returns the largest change of a
     /// contact's velocity, m/s.
     fn rub(&mut self) -> f64 {
-        let Self { rows, velocity, .. } = self;
+        let Rows { normals, rubbing } = &mut *self.rows;
+        let mut felt = sum(&self.pressed, &self.rubbed);
         let mut change: f64 = 0.0;
-        for row in rows {
-            change = change.max(row.rub(velocity));
+        for friction in rubbing {
+            let pressing = normals.impulse(usize::from(friction.contact));
+            let most = if pressing > 0.0 { friction.coefficient * pressing } else { 0.0 };
+            change = change.max(friction.rub(most, &mut felt));
         }
+        self.rubbed = felt;
+        add(&mut self.rubbed, -1.0, &self.pressed);
         change
     }
 
     /// Writes the impulses back into the contacts.
-    pub fn store(&self, contacts: &mut [UnilateralContact]) {
-        for (row, contact) in self.rows.iter().zip(contacts) {
-            let [n, s, t] = row.impulse;
-            contact.impulse = row.axes[0] * n + row.axes[1] * s + row.axes[2] * t;
+    pub fn store(rows: &Rows, contacts: &mut [UnilateralContact]) {
+        for (index, contact) in contacts.iter_mut().take(MAX_UNILATERAL).enumerate() {
+            contact.impulse = contact.normal * rows.normals.impulse(index);
+        }
+        for friction in &rows.rubbing {
+            let ([first, second], [s, t]) = (friction.axes, friction.impulse);
+            contacts[usize::from(friction.contact)].impulse += first * s + second * t;
         }
     }
 }
 
-impl Row {
+impl Friction {
+    /// Updates friction: the impulse that stops the sliding, within the cone of the normal impulse. `most` is
+    /// its radius.
     #[inline(always)]
-    fn new(contact: &UnilateralContact, dt: f64, recovery: f64) -> Self {
-        let UnilateralContact { arm, normal, gap, velocity, friction, impulse } = *contact;
-        let (first, second) = normal.any_orthonormal_pair();
-        let axes = [normal, first, second];
-        let jacobian = axes.map(|axis| six(axis, arm.cross(axis)));
-        let used = if friction > 0.0 { 3 } else { 1 };
-        let along = |axis: usize| if axis < used { axes[axis].dot(impulse) } else { 0.0 };
-        Self {
-            axes,
-            jacobian,
-            response: [[0.0; 6]; 3],
-            is_ready: false,
-            tangent_mobility: 0.0,
-            compliance: 0.0,
-            approach: normal.dot(velocity) + (gap / dt).max(-recovery),
-            slide: [first.dot(velocity), second.dot(velocity)],
-            friction,
-            impulse: [along(0).max(0.0), along(1), along(2)],
-        }
-    }
-
-    /// Computes the responses.
-    #[inline(always)]
-    fn prepare(&mut self, inverse: &[Six; 6]) {
-        if self.is_ready {
-            return;
-        }
-        self.is_ready = true;
-        let used = if self.friction > 0.0 { 3 } else { 1 };
-        for (response, row) in self.response.iter_mut().zip(&self.jacobian).take(used) {
-            *response = std::array::from_fn(|i| dot(&inverse[i], row));
-        }
-        let mobility = |axis: usize| dot(&self.jacobian[axis], &self.response[axis]);
-        self.tangent_mobility = mobility(1).max(mobility(2));
-        self.compliance = COMPLIANCE * mobility(0);
-    }
-
-    /// Updates friction: the impulse that stops the sliding, within the cone of the normal impulse.
-    #[inline(always)]
-    fn rub(&mut self, velocity: &mut Six) -> f64 {
-        if self.friction <= 0.0 || !self.is_ready {
+    fn rub(&mut self, most: f64, felt: &mut Six) -> f64 {
+        let Self { rows, slip, mass, impulse, .. } = self;
+        if most == 0.0 && *impulse == [0.0; 2] {
             return 0.0;
         }
-        let wanted = [1, 2].map(|axis| {
-            let slip = dot(&self.jacobian[axis], velocity) - self.slide[axis - 1];
-            self.impulse[axis] + slip / self.tangent_mobility
-        });
-        let (most, size) = (self.friction * self.impulse[0], wanted[0].hypot(wanted[1]));
-        let share = if size > most { most / size } else { 1.0 };
-        let mut change: f64 = 0.0;
-        for axis in [1, 2] {
-            let step = wanted[axis - 1] * share - self.impulse[axis];
-            self.impulse[axis] += step;
-            add(velocity, -step, &self.response[axis]);
-            change = change.max(step.abs() * self.tangent_mobility);
+        let wanted = [
+            impulse[0] + (slip[0] - dot(&rows[0], felt)) * *mass,
+            impulse[1] + (slip[1] - dot(&rows[1], felt)) * *mass,
+        ];
+        let square = wanted[0] * wanted[0] + wanted[1] * wanted[1];
+        let share = if square > most * most { most / square.sqrt() } else { 1.0 };
+        let mut largest: f64 = 0.0;
+        for axis in [0, 1] {
+            let step = wanted[axis] * share - impulse[axis];
+            impulse[axis] += step;
+            add(felt, step, &rows[axis]);
+            largest = largest.max(step.abs());
         }
-        change
+        largest / *mass
     }
 }

@@ -4,10 +4,10 @@ use arrayvec::ArrayVec;
 use glam::DVec3;
 use palpate_core::{Twist, Wrench};
 
-use super::solver::Solver;
+use super::solver::{Rows, Solver};
 use super::{MotionBound, UnilateralContact};
 use crate::body::BodyState;
-use crate::linear_solve::inverse;
+use crate::linear_solve::{inverse, inverse_definite};
 use crate::step::{Frame, Step, StepFailure, System};
 
 /// Force in the coupling's damper, N, with which an overlap is undone: less than a hand feels as a push.
@@ -51,16 +51,20 @@ pub fn constrained_step(
     let Some((change, active, mut status)) = system.solve() else {
         return Step::failed(state, StepFailure::Singular).into();
     };
-    let Some(mobility) = inverse(system.assemble(active).matrix) else {
-        return Step::failed(state, StepFailure::Singular).into();
-    };
-    let mobility = symmetric(&mobility);
-    let free = Twist::new(state.twist.linear + change.linear, state.twist.angular + change.angular);
-    let recovery = (RECOVERY_FORCE / frame.coupling.linear_damping).min(MAX_RECOVERY);
-    let mut solver = Solver::new(contacts, &free, &mobility, dt, recovery);
-    let (twist, converged) = solver.solve();
-    solver.store(contacts);
-    status.unconverged = !converged;
+    let mut twist = Twist::new(state.twist.linear + change.linear, state.twist.angular + change.angular);
+    if !contacts.is_empty() {
+        let matrix = system.assemble(active).matrix;
+        let Some(mobility) = inverse_definite(matrix).or_else(|| inverse(matrix)) else {
+            return Step::failed(state, StepFailure::Singular).into();
+        };
+        let factor = cholesky(&symmetric(&mobility));
+        let recovery = (RECOVERY_FORCE / frame.coupling.linear_damping).min(MAX_RECOVERY);
+        let mut rows = Rows::default();
+        let (held, converged) = Solver::new(contacts, &twist, &factor, dt, recovery, &mut rows).solve();
+        Solver::store(&rows, contacts);
+        twist = held;
+        status.unconverged = !converged;
+    }
     let (twist, held_back) = within(bound, state, &twist, dt);
     let next = BodyState { pose: state.pose.moved(&twist, dt), twist };
     let mut step = frame.ended(state, &next, active, status);
@@ -78,6 +82,27 @@ pub fn constrained_step(
 /// otherwise.
 fn symmetric(matrix: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
     std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (matrix[i][j] + matrix[j][i])))
+}
+
+/// Smallest pivot of a mobility, as a fraction of its entry. The symmetric part of the inverse of a matrix
+/// whose own is not definite, as of a body that spins by a radian a step, may have smaller ones.
+const MIN_PIVOT: f64 = 1e-9;
+
+/// The lower factor K of a positive definite matrix K Kᵀ.
+fn cholesky(matrix: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
+    let mut lower = [[0.0; 6]; 6];
+    for row in 0..6 {
+        for column in 0..=row {
+            let left: f64 = (0..column).map(|k| lower[row][k] * lower[column][k]).sum();
+            let entry = matrix[row][column] - left;
+            lower[row][column] = if row == column {
+                entry.max(MIN_PIVOT * matrix[row][row].abs()).sqrt()
+            } else {
+                entry / lower[column][column]
+            };
+        }
+    }
+    lower
 }
 
 /// Wrench of the contacts on the body, about its centre of mass.

@@ -66,12 +66,24 @@ pub(crate) struct ContactGeometry {
     pub age: f64,
 }
 
+/// Distances that the bodies may move before the points of a geometry have to be measured again, m: those of
+/// each object in turn, so that a step passes over all of them in a few instructions.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Slacks {
+    /// In the order of the points, which [`ContactGeometry::assign`] makes that of the objects.
+    values: ArrayVec<f32, MAX_POINTS>,
+    /// Number of points of the objects up to each.
+    ends: ArrayVec<u16, MAX_OBJECTS>,
+}
+
 /// The contacts of one step.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct StepContacts {
     pub contacts: ArrayVec<UnilateralContact, MAX_UNILATERAL>,
     /// Their indices among the points.
     points: ArrayVec<u16, MAX_UNILATERAL>,
+    /// Where their arms are along x, by which most are told apart, m.
+    along: ArrayVec<f64, MAX_UNILATERAL>,
     /// Largest motion of any point of the body in the step that meets no other point, m.
     pub room: f64,
     /// Largest depth, m; 0 if nothing overlaps.
@@ -94,6 +106,7 @@ impl ContactGeometry {
     /// contacts, `before`, are taken over.
     pub fn contacts(
         &mut self,
+        slacks: &mut Slacks,
         state: &BodyState,
         motion: &StepMotion,
         before: &StepContacts,
@@ -103,34 +116,72 @@ impl ContactGeometry {
         let StepMotion { dt, moved, reach } = *motion;
         let mesh = state.pose * Pose::from_translation(-self.center_of_mass);
         let Self { probe, objects, points, margin, friction, .. } = self;
-        let frames = frames_of(probe, objects, &mesh);
-        for (index, guarded) in points.iter_mut().enumerate() {
-            let at = usize::from(guarded.object);
-            let (Some(object), Some(frames)) = (objects.get(at), frames.get(at)) else { continue };
-            guarded.slack -= (moved + object.speed * dt) as f32;
-            if f64::from(guarded.slack) > reach {
-                found.room = found.room.min(f64::from(guarded.slack));
+        let mut first = 0;
+        for (object, end) in objects.iter().zip(&slacks.ends) {
+            let range = first..usize::from(*end);
+            first = usize::from(*end);
+            let Some(values) = slacks.values.get_mut(range.clone()) else { continue };
+            let mut near = ArrayVec::<u16, MAX_POINTS>::new();
+            let room = pass((moved + object.speed * dt) as f32, reach as f32, values, &mut near);
+            found.room = found.room.min(f64::from(room));
+            if near.is_empty() {
                 continue;
             }
-            let measured = guarded.measure(frames);
-            let gap = measured.distance - *margin;
-            guarded.slack = gap as f32;
-            if gap > reach {
-                found.room = found.room.min(gap);
-                continue;
+            let frames = Frames::new((probe, &mesh), (&object.surface, &object.pose));
+            for offset in near {
+                let index = range.start + usize::from(offset);
+                let (Some(guarded), Some(slack)) =
+                    (points.get_mut(index), values.get_mut(usize::from(offset)))
+                else {
+                    continue;
+                };
+                let measured = guarded.measure(&frames);
+                let gap = measured.distance - *margin;
+                *slack = gap as f32;
+                if gap > reach {
+                    found.room = found.room.min(gap);
+                    continue;
+                }
+                found.depth = found.depth.max(-measured.distance);
+                let contact = UnilateralContact {
+                    arm: measured.point - state.pose.translation,
+                    normal: measured.normal,
+                    gap,
+                    velocity: object.motion.twist.velocity_at(measured.point),
+                    friction: friction.static_coefficient,
+                    impulse: DVec3::ZERO,
+                };
+                found.push(contact, index as u16);
             }
-            found.depth = found.depth.max(-measured.distance);
-            let contact = UnilateralContact {
-                arm: measured.point - state.pose.translation,
-                normal: measured.normal,
-                gap,
-                velocity: object.motion.twist.velocity_at(measured.point),
-                friction: friction.static_coefficient,
-                impulse: DVec3::ZERO,
-            };
-            found.push(contact, index as u16);
         }
         found.take_over(before, friction);
+    }
+
+    /// Copies another geometry, with its points in the order of the objects, and their slacks.
+    pub fn assign(&mut self, found: &Self, slacks: &mut Slacks) {
+        let Self { probe, center_of_mass, objects, points, bound, friction, margin, age } = self;
+        if !Arc::ptr_eq(probe, &found.probe) {
+            probe.clone_from(&found.probe);
+        }
+        (*center_of_mass, *bound) = (found.center_of_mass, found.bound);
+        (*friction, *margin, *age) = (found.friction, found.margin, found.age);
+        objects.truncate(found.objects.len());
+        let known = objects.len();
+        for (object, found) in objects.iter_mut().zip(&found.objects) {
+            object.assign(found);
+        }
+        objects.extend(found.objects[known..].iter().cloned());
+        points.clear();
+        slacks.values.clear();
+        slacks.ends.clear();
+        for index in 0..objects.len() {
+            let own = found.points.iter().filter(|point| usize::from(point.object) == index);
+            for point in own {
+                points.push(*point);
+                slacks.values.push(point.slack);
+            }
+            slacks.ends.push(points.len() as u16);
+        }
     }
 
     /// The surfaces at their poses, by scene object, with the mesh of the body in the hand at a pose.
@@ -140,11 +191,14 @@ impl ContactGeometry {
 
     /// Takes into account that the bodies have moved since the query: the one in the hand by `moved` (m), and
     /// the scene's for `age` (s).
-    pub fn shift(&mut self, moved: f32, age: f64) {
-        let Self { points, objects, .. } = self;
-        for point in points {
-            let speed = objects.get(usize::from(point.object)).map_or(0.0, |object| object.speed);
-            point.slack -= moved + (speed * age.max(0.0)) as f32;
+    pub fn shift(&self, slacks: &mut Slacks, moved: f32, age: f64) {
+        let mut first = 0;
+        for (object, end) in self.objects.iter().zip(&slacks.ends) {
+            let gone = moved + (object.speed * age.max(0.0)) as f32;
+            for slack in &mut slacks.values[first..usize::from(*end)] {
+                *slack -= gone;
+            }
+            first = usize::from(*end);
         }
     }
 
@@ -165,6 +219,42 @@ impl ContactGeometry {
     }
 }
 
+impl NearObject {
+    fn assign(&mut self, found: &Self) {
+        let Self { surface, pose, motion, speed } = self;
+        if !Arc::ptr_eq(surface, &found.surface) {
+            surface.clone_from(&found.surface);
+        }
+        (*pose, *motion, *speed) = (found.pose, found.motion, found.speed);
+    }
+}
+
+/// Takes a motion (m) off all slacks. Appends the indices of those within a reach (m), and returns the least
+/// of the others, m.
+fn pass(gone: f32, reach: f32, slacks: &mut [f32], near: &mut ArrayVec<u16, MAX_POINTS>) -> f32 {
+    const LANES: usize = 8;
+    let mut least = [f32::INFINITY; LANES];
+    for (chunk, slacks) in slacks.chunks_mut(LANES).enumerate() {
+        let mut any = 0;
+        for (slack, least) in slacks.iter_mut().zip(&mut least) {
+            *slack -= gone;
+            let is_far = *slack > reach;
+            any |= u32::from(!is_far);
+            let far = if is_far { *slack } else { f32::INFINITY };
+            *least = if far < *least { far } else { *least };
+        }
+        if any == 0 {
+            continue;
+        }
+        for (lane, slack) in slacks.iter().enumerate() {
+            if *slack <= reach || slack.is_nan() {
+                near.push((LANES * chunk + lane) as u16);
+            }
+        }
+    }
+    least.into_iter().fold(f32::INFINITY, f32::min)
+}
+
 /// The surfaces of a probe and of objects at their poses.
 fn frames_of<'a>(
     probe: &'a FeatureMesh,
@@ -178,6 +268,7 @@ impl StepContacts {
     pub fn clear(&mut self) {
         self.contacts.clear();
         self.points.clear();
+        self.along.clear();
         self.room = f64::INFINITY;
         self.depth = 0.0;
     }
@@ -189,17 +280,21 @@ impl StepContacts {
 
     /// Adds a contact, unless it is one that is known. If there is no room, the furthest is left out.
     fn push(&mut self, contact: UnilateralContact, point: u16) {
-        let same = |known: &&mut UnilateralContact| {
-            known.arm.distance_squared(contact.arm) < SAME_PLACE * SAME_PLACE
+        let at = contact.arm.x;
+        for (known, _) in
+            self.contacts.iter_mut().zip(&self.along).filter(|(_, x)| (**x - at).abs() < SAME_PLACE)
+        {
+            if known.arm.distance_squared(contact.arm) < SAME_PLACE * SAME_PLACE
                 && known.normal.dot(contact.normal) > SAME_NORMAL
-        };
-        if let Some(known) = self.contacts.iter_mut().find(same) {
-            known.gap = known.gap.min(contact.gap);
-            return;
+            {
+                known.gap = known.gap.min(contact.gap);
+                return;
+            }
         }
         if !self.contacts.is_full() {
             self.contacts.push(contact);
             self.points.push(point);
+            self.along.push(at);
             return;
         }
         let furthest = self.contacts.iter().enumerate().max_by(|a, b| a.1.gap.total_cmp(&b.1.gap));
@@ -208,29 +303,119 @@ impl StepContacts {
         if contact.gap < gap {
             self.contacts[furthest] = contact;
             self.points[furthest] = point;
+            self.along[furthest] = at;
         }
     }
 
     /// Takes over the impulses of the last step, and the lower coefficient of friction where a contact slid.
     fn take_over(&mut self, before: &Self, friction: &Friction) {
+        let pushed = before.contacts.iter().zip(0..).filter(|(known, _)| known.impulse != DVec3::ZERO);
+        let pushed: ArrayVec<(&UnilateralContact, usize), MAX_UNILATERAL> = pushed.collect();
         for (contact, point) in self.contacts.iter_mut().zip(&self.points) {
-            let place = before.points.iter().position(|known| known == point);
             let near = |known: &UnilateralContact| {
-                known.impulse != DVec3::ZERO
-                    && known.arm.distance_squared(contact.arm) < NEAR_PLACE * NEAR_PLACE
+                known.arm.distance_squared(contact.arm) < NEAR_PLACE * NEAR_PLACE
                     && known.normal.dot(contact.normal) > NEAR_NORMAL
             };
-            let Some(known) =
-                (if before.points.is_empty() { before.contacts.iter().position(near) } else { place })
-            else {
-                continue;
+            let is_same = |&&(known, index): &&(&UnilateralContact, usize)| match before.points.get(index) {
+                Some(before) => before == point,
+                None => near(known),
             };
-            let UnilateralContact { impulse, normal, friction: coefficient, .. } = before.contacts[known];
-            contact.impulse = impulse;
-            let along = impulse.dot(normal);
-            let slid = (impulse - normal * along).length() >= MAX_STICKING * coefficient * along;
+            let Some((known, _)) = pushed.iter().find(is_same) else { continue };
+            contact.impulse = known.impulse;
+            let along = known.impulse.dot(known.normal);
+            let slid =
+                (known.impulse - known.normal * along).length() >= MAX_STICKING * known.friction * along;
             if along > 0.0 && slid {
                 contact.friction = friction.dynamic_coefficient;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::TriMesh;
+    use rand::rngs::StdRng;
+    use rand::{RngExt as _, SeedableRng as _};
+
+    use super::*;
+
+    #[test]
+    fn slacks_that_are_passed_over_are_those_that_are_far() {
+        let mut rng = StdRng::seed_from_u64(0x51AC);
+        for round in 0..500 {
+            let count = round % 50;
+            let before: Vec<f32> = (0..count).map(|_| rng.random_range(-1.0..3.0)).collect();
+            let (gone, reach) = (rng.random_range(0.0..0.5), rng.random_range(0.0..2.0));
+            let (mut slacks, mut near) = (before.clone(), ArrayVec::new());
+            let least = pass(gone, reach, &mut slacks, &mut near);
+            let after: Vec<f32> = before.iter().map(|slack| slack - gone).collect();
+            let wanted: Vec<u16> = (0..count as u16).filter(|i| after[usize::from(*i)] <= reach).collect();
+            let far = after.iter().copied().filter(|slack| *slack > reach).fold(f32::INFINITY, f32::min);
+            assert_eq!((slacks, near.as_slice(), least), (after, wanted.as_slice(), far), "round {round}");
+        }
+        // What is not a number is measured anew.
+        let mut near = ArrayVec::new();
+        assert_eq!(pass(0.0, 1.0, &mut [2.0, f32::NAN], &mut near), 2.0);
+        assert_eq!(near.as_slice(), [1]);
+    }
+
+    fn tetrahedron() -> Arc<FeatureMesh> {
+        let triangles = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+        let mesh = TriMesh::new(vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z], triangles);
+        Arc::new(FeatureMesh::new(&mesh.expect("a tetrahedron")))
+    }
+
+    /// A geometry with points of three objects in turn, at heights (m).
+    fn geometry(heights: [f64; 3], count: usize) -> ContactGeometry {
+        let surface = tetrahedron();
+        let object = |height: f64| NearObject {
+            surface: Arc::clone(&surface),
+            pose: Pose::from_translation(DVec3::Z * height),
+            motion: MovingBody::STILL,
+            speed: height,
+        };
+        let mut made = ContactGeometry {
+            probe: Arc::clone(&surface),
+            center_of_mass: DVec3::splat(0.25),
+            objects: heights.into_iter().map(object).collect(),
+            points: ArrayVec::new(),
+            bound: MotionBound::NONE,
+            friction: Friction::NONE,
+            margin: 0.0,
+            age: 0.0,
+        };
+        made.points = {
+            let frames = made.frames(&Pose::IDENTITY);
+            let point = |i: usize| GuardedPoint::new((DVec3::X, 0.1), true, (i % 3) as u8, &frames[i % 3]);
+            (0..count).map(point).collect()
+        };
+        made
+    }
+
+    #[test]
+    fn points_are_copied_in_the_order_of_the_objects() {
+        let mut slacks = Slacks::default();
+        let mut copy = geometry([9.0, 8.0, 7.0], 1);
+        for (heights, count) in [([2.0, 3.0, 4.0], 10), ([5.0, 3.0, 4.0], 7), ([2.0, 3.0, 4.0], 0)] {
+            let found = geometry(heights, count);
+            copy.assign(&found, &mut slacks);
+            let order: Vec<u8> = copy.points.iter().map(|point| point.object).collect();
+            let wanted =
+                |object: u8| (0..count).filter(move |i| i % 3 == usize::from(object)).map(move |_| object);
+            assert_eq!(order, [0, 1, 2].into_iter().flat_map(wanted).collect::<Vec<u8>>());
+            let of_points: Vec<f32> = copy.points.iter().map(|point| point.slack).collect();
+            assert_eq!(slacks.values.as_slice(), of_points);
+            assert_eq!(slacks.ends.last().map(|end| usize::from(*end)), Some(count));
+            for (copy, found) in copy.objects.iter().zip(&found.objects) {
+                assert!(Arc::ptr_eq(&copy.surface, &found.surface) && copy.pose == found.pose);
+            }
+            // Each object's points lose its own motion.
+            let before = slacks.clone();
+            copy.shift(&mut slacks, 0.5, 0.1);
+            for ((after, before), point) in slacks.values.iter().zip(&before.values).zip(&copy.points) {
+                let gone = 0.5 + 0.1 * heights[usize::from(point.object)];
+                assert!((f64::from(before - after) - gone).abs() < 1e-6, "{before} to {after}");
             }
         }
     }

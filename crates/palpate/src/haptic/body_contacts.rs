@@ -3,9 +3,9 @@
 
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
-use palpate_dynamics::{BodyState, ContactBlend, MotionBound, UnilateralContact};
+use palpate_dynamics::{BodyState, ContactBlend, LinearContactModel, MotionBound, UnilateralContact};
 
-use crate::contact::geometry::{ContactGeometry, StepContacts, StepMotion};
+use crate::contact::geometry::{ContactGeometry, Slacks, StepContacts, StepMotion};
 use crate::contact::monitor::{ConstraintForces, ContactForce};
 use crate::telemetry::record::ModelData;
 
@@ -24,9 +24,11 @@ pub(super) struct BodyContacts {
     pub blend: ContactBlend,
     /// Contact geometry, if contacts are constraints.
     pub geometry: Option<ContactGeometry>,
-    /// Contacts of this step, and of the one before.
-    pub contacts: StepContacts,
-    before: StepContacts,
+    slacks: Slacks,
+    /// Contacts of this step and of the one before, which change places in each.
+    contacts: [StepContacts; 2],
+    /// Which are those of this step.
+    now: usize,
     /// Data of the newest contact model.
     pub found: ModelData,
     /// Bounding radius of the body about its centre of mass, m.
@@ -41,8 +43,9 @@ impl BodyContacts {
         Self {
             blend: ContactBlend::new(),
             geometry: None,
-            contacts: StepContacts::default(),
-            before: StepContacts::default(),
+            slacks: Slacks::default(),
+            contacts: Default::default(),
+            now: 0,
             found: ModelData::none(pose),
             radius,
             max_stray,
@@ -52,25 +55,33 @@ impl BodyContacts {
     /// Finds the unilateral contacts that a step of `dt` (s) from a state may reach. Returns the bound on its
     /// motion.
     pub fn find(&mut self, state: &BodyState, dt: f64) -> MotionBound {
-        std::mem::swap(&mut self.contacts, &mut self.before);
+        self.now = 1 - self.now;
+        let [first, second] = &mut self.contacts;
+        let (found, before) = if self.now == 0 { (first, second) } else { (second, first) };
         let Some(geometry) = &mut self.geometry else {
-            self.contacts.clear();
+            found.clear();
             return MotionBound::NONE;
         };
         geometry.advance(dt);
         let speed = state.twist.linear.length() + state.twist.angular.length() * self.radius;
         let moved = dt * speed;
         let motion = StepMotion { dt, moved, reach: MIN_REACH + REACH * moved };
-        geometry.contacts(state, &motion, &self.before, &mut self.contacts);
-        self.found.depth = self.contacts.depth;
-        self.found.contacts = self.contacts.contacts.len() as u32;
-        MotionBound { step: self.contacts.room, ..geometry.bound }
+        geometry.contacts(&mut self.slacks, state, &motion, before, found);
+        self.found.depth = found.depth;
+        self.found.contacts = found.contacts.len() as u32;
+        MotionBound { step: found.room, ..geometry.bound }
+    }
+
+    /// The penalty contacts and the unilateral ones of this step.
+    pub fn contacts(&mut self) -> (&LinearContactModel, &mut [UnilateralContact]) {
+        (self.blend.contacts(), &mut self.contacts[self.now].contacts)
     }
 
     /// Writes the forces of the last step's constraints on the body: the step of `dt` (s) ended at a state.
     pub fn write_constraints(&self, state: &BodyState, dt: f64, to: &mut ConstraintForces) {
         to.clear();
-        for contact in self.contacts.contacts.iter().filter(|contact| contact.impulse != DVec3::ZERO) {
+        let contacts = &self.contacts[self.now].contacts;
+        for contact in contacts.iter().filter(|contact| contact.impulse != DVec3::ZERO) {
             let UnilateralContact { arm, normal, gap, impulse, .. } = *contact;
             let point = state.pose.translation + arm;
             to.push(ContactForce { point, normal, force: impulse / -dt, depth: -gap });
@@ -84,11 +95,11 @@ impl BodyContacts {
             return;
         };
         // Keys of points change from one geometry to the next.
-        self.contacts.forget();
+        self.contacts[self.now].forget();
         let known = self.geometry.get_or_insert_with(|| found.clone());
-        known.clone_from(found);
+        known.assign(found, &mut self.slacks);
         known.advance(age);
-        known.shift(known.bound.displacement(&state.pose) as f32, age);
+        known.shift(&mut self.slacks, known.bound.displacement(&state.pose) as f32, age);
     }
 
     /// Largest displacement of any point of the body since its contact model was found, |Δ**x**| + 2 r

@@ -310,9 +310,8 @@ impl<T: Tool> HapticLoop<T> {
             body.blend.advance(&state, dt);
             let bound = body.find(&state, dt);
             let constrained = body.geometry.is_some();
-            let BodyContacts { blend, contacts, .. } = body;
-            let unilateral = contacts.contacts.as_mut_slice();
-            loads.push(BodyLoads { model: blend.contacts(), constrained, unilateral, bound });
+            let (model, unilateral) = body.contacts();
+            loads.push(BodyLoads { model, constrained, unilateral, bound });
         }
         let step = self.tool.step(hand, &mut loads, dt);
         drop(loads);
