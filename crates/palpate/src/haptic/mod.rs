@@ -8,6 +8,7 @@ mod exchange;
 pub(crate) mod gripper;
 pub(crate) mod heat;
 pub(crate) mod invariants;
+mod observer;
 pub(crate) mod output;
 mod outputs;
 pub(crate) mod presence;
@@ -133,7 +134,8 @@ impl<T: Tool> HapticLoop<T> {
         Self {
             grasp: settings.grasp,
             handle: placement.handle(),
-            tracking: Tracking::new(device, settings.velocity_lags, period),
+            tracking: Tracking::new(device, settings.velocity_lags, period)
+                .between_steps((specification.encoder_step, specification.angular_encoder_step)),
             gripper,
             workspace: Workspace::new(*placement.mapping(), settings.clutch_button),
             presence: Presence::new(settings.contact_timeout, engagement),
@@ -272,7 +274,7 @@ impl<T: Tool> HapticLoop<T> {
         elapsed: f64,
         dt: f64,
     ) -> Reading {
-        let before = self.tracking.state().pose;
+        let before = self.tracking.damped_state().pose;
         let events = &mut self.telemetry.events;
         let mut reading = self.tracking.take(device, elapsed, events);
         let of_device = reading;
