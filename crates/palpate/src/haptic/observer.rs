@@ -31,7 +31,7 @@ use palpate_core::glam::DVec3;
 
 /// Smallest and largest ω of the tracker in even motion, rad/s. With less, it trails behind a hand's
 /// acceleration, and the clamp passes the rounding on; with more, it follows the rounding.
-const EVEN_RATES: (f64, f64) = (15.0, 60.0);
+const EVEN_RATES: (f64, f64) = (20.0, 60.0);
 
 /// ω in even motion for each step in a second, rad. With more, the tracker follows the staircase of slow
 /// readings.
@@ -42,17 +42,22 @@ const FASTEST_RATE: f64 = 400.0;
 
 /// ω, at least, with which the clamp's correction acts on velocity and acceleration, rad/s. With more, each
 /// correction overshoots; with less, it takes many.
-const CLAMP_RATE: f64 = 100.0;
+const CLAMP_RATE: f64 = 300.0;
 
 /// Rise of ω, relative to that of even motion, for a clamp by one step. With more, the tracker follows the
 /// rounding after each change of motion; with less, it lags behind vibrations.
-const RISE_BY_STEP: f64 = 3.0;
+const RISE_BY_STEP: f64 = 8.0;
 
 /// Time in which ω falls back, s.
 const RISE_TIME: f64 = 0.03;
 
 /// Longest time between two readings over which motion is predicted, s.
 const LONGEST_INTERVAL: f64 = 0.025;
+
+/// Longest lag of a velocity with which motion is estimated between encoder steps, s. A damper that lags by
+/// more damps the handle's swing on the coupling hardly at all, and an estimate that trails would let the swing
+/// grow further than readings do (the test `estimates_let_a_handle_swing_no_further_than_readings`).
+pub(crate) const LONGEST_LAG: f64 = 0.04;
 
 /// Distance from the reading, in steps, below which a handle is at rest: with none, the tracker would
 /// approach it for ever.
@@ -77,6 +82,14 @@ impl StepObserver {
         let step = if step.is_finite() { step.max(0.0) } else { 0.0 };
         let none = DVec3::ZERO;
         Self { step, offset: none, velocity: none, acceleration: none, rise: none }
+    }
+
+    /// Sets the steps, m or rad. If they change, the estimate starts anew at the reading.
+    pub fn set_step(&mut self, step: f64) {
+        let new = Self::new(step);
+        if new.step != self.step {
+            *self = new;
+        }
     }
 
     /// The estimate less the reading, m or rad.

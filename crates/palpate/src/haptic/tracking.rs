@@ -6,7 +6,7 @@ use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
 use palpate_device::{DeviceState, Status};
 
-use crate::haptic::observer::StepObserver;
+use crate::haptic::observer::{LONGEST_LAG, StepObserver};
 use crate::telemetry::Events;
 
 /// Largest speeds of a handle in a hand, m/s and rad/s. Faster motion is a jump of the device.
@@ -89,7 +89,9 @@ pub(crate) struct Tracking {
     lags: (f64, f64),
     /// Velocities filtered through these lags.
     lagged: Twist,
-    /// Position and orientation between the encoders' steps.
+    /// The encoders' steps, m and rad; 0 if readings are not rounded, or it is not known.
+    steps: (f64, f64),
+    /// Position and orientation between these steps.
     observers: (StepObserver, StepObserver),
     /// The pose that they estimate.
     estimated: Pose,
@@ -109,17 +111,20 @@ impl Tracking {
             suspect: None,
             lags,
             lagged: Twist::ZERO,
+            steps: (0.0, 0.0),
             observers: (StepObserver::new(0.0), StepObserver::new(0.0)),
             estimated: state.pose,
             period,
         }
     }
 
-    /// Estimates the motion between encoder steps (m, rad); with steps of 0 the readings are taken as they
-    /// are.
+    /// Estimates the motion between encoder steps (m, rad) where the lags allow it; with steps of 0 the
+    /// readings are taken as they are.
     #[must_use]
-    pub fn between_steps(self, steps: (f64, f64)) -> Self {
-        Self { observers: (StepObserver::new(steps.0), StepObserver::new(steps.1)), ..self }
+    pub fn between_steps(mut self, steps: (f64, f64)) -> Self {
+        self.steps = steps;
+        self.set_lags(self.lags);
+        self
     }
 
     /// Changes the lags of the velocities, which continue from their present values.
@@ -127,6 +132,10 @@ impl Tracking {
         let twist = self.damped_state().twist;
         self.lagged = twist;
         self.lags = lags;
+        let step = |step: f64, lag: f64| if lag <= LONGEST_LAG { step } else { 0.0 };
+        self.observers.0.set_step(step(self.steps.0, lags.0));
+        self.observers.1.set_step(step(self.steps.1, lags.1));
+        self.estimated = self.estimate();
     }
 
     /// The last good state, its twist zero while it is held.
@@ -202,10 +211,15 @@ impl Tracking {
         self.displacement = moved;
         let linear = self.observers.0.advance(moved.linear, interval);
         let angular = self.observers.1.advance(moved.angular, interval);
-        self.estimated = displaced(&state.pose, self.observers.0.offset(), self.observers.1.offset());
+        self.estimated = self.estimate();
         self.lagged.linear = filtered(self.lagged.linear, linear, interval, self.lags.0);
         self.lagged.angular = filtered(self.lagged.angular, angular, interval, self.lags.1);
         Reading::Good
+    }
+
+    /// The pose by the last reading and what is estimated beyond it.
+    fn estimate(&self) -> Pose {
+        displaced(&self.state.pose, self.observers.0.offset(), self.observers.1.offset())
     }
 
     /// Whether a reading is the same as before. Readings without time stamps always count as new.

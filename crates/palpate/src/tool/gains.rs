@@ -84,7 +84,7 @@ impl Gains {
             placement,
             coupling,
             limits,
-            velocity_lags: velocity_lags(settings, &coupling, &limits, specification),
+            velocity_lags: velocity_lags(settings, &coupling, &limits),
             contacts,
             slew: slew(settings, &limits),
             max_damping: max_damping(settings, &coupling, &limits),
@@ -184,45 +184,21 @@ fn coupling(settings: &Settings, body: &Body, grasp: Pose, limits: &PortLimits) 
     coupling
 }
 
-/// Largest change of the coupling's force by an encoder step, N. Above 20 Hz the observer leaves up to a
-/// sixth of it in fast motion: with more, the hand feels the steps in free space.
-const MAX_STEP_ANSWER: f64 = 0.026;
-
-/// Share of the spring's answer to a step that the damper's may always have. With none, its lag would be
-/// infinite for a stiff spring.
-const DAMPER_ANSWER: f64 = 0.5;
-
-/// Lags (s) of the device's velocities for the dampers: those that passivity needs, and no less than those of
-/// the device's own, since velocities are differentiated again between encoder steps.
-///
-/// The force answers to a step Δ with (K + B/(τ + T)) Δ: the lag keeps that below [`MAX_STEP_ANSWER`], or the
-/// damper's part below [`DAMPER_ANSWER`] of the spring's. A critically damped body of natural frequency ω
-/// gets a lag of at most 4/ω.
-fn velocity_lags(
-    settings: &Settings,
-    coupling: &VirtualCoupling,
-    limits: &PortLimits,
-    specification: &Specification,
-) -> (f64, f64) {
-    let lags = limits.in_world(settings.device.workspace_scale).velocity_lags(coupling);
-    let Sampling { period, velocity_delay, .. } = limits.sampling;
-    let (step, turn) = (specification.encoder_step, specification.angular_encoder_step);
-    let (mut linear, mut angular) = lags;
-    if step > 0.0 && limits.translation.peak > 0.0 {
-        let stiffness = coupling.linear_stiffness;
-        let at_grasp = step + limits.lever * turn;
-        let answer = (MAX_STEP_ANSWER / at_grasp - stiffness).max(DAMPER_ANSWER * stiffness);
-        linear = linear.max(velocity_delay).max(coupling.linear_damping / answer - period);
-    }
-    if turn > 0.0 && limits.rotation.peak > 0.0 {
-        angular = angular.max(velocity_delay);
-    }
+/// Lags (s) of the device's velocities for the dampers: those that passivity needs. Where motion is estimated
+/// between encoder steps, velocities are differences of the estimates, whose lag is no less than that of the
+/// device's own.
+fn velocity_lags(settings: &Settings, coupling: &VirtualCoupling, limits: &PortLimits) -> (f64, f64) {
+    let (linear, angular) = limits.in_world(settings.device.workspace_scale).velocity_lags(coupling);
+    let estimated = |axes: &PortAxes, lag: f64| {
+        if axes.step > 0.0 && axes.peak > 0.0 { lag.max(limits.sampling.velocity_delay) } else { lag }
+    };
+    let lags = (estimated(&limits.translation, linear), estimated(&limits.rotation, angular));
     // Equal lags at a lever stay equal.
-    if limits.lever > 0.0 && lags.0 == lags.1 {
-        let longest = linear.max(angular);
-        (linear, angular) = (longest, longest);
+    if limits.lever > 0.0 && linear == angular {
+        let longest = lags.0.max(lags.1);
+        return (longest, longest);
     }
-    (linear, angular)
+    lags
 }
 
 /// Largest rate of change of the wrench at the device.
