@@ -40,19 +40,19 @@ const RATE_BY_STEPS: f64 = 0.5;
 /// Largest ω, rad/s. With less, a vibrating handle is followed too late.
 const FASTEST_RATE: f64 = 400.0;
 
-/// ω, at least, with which the clamp's correction acts on velocity and acceleration, rad/s. With more, each
-/// correction overshoots; with less, it takes many.
-const CLAMP_RATE: f64 = 300.0;
-
 /// Rise of ω, relative to that of even motion, for a clamp by one step. With more, the tracker follows the
 /// rounding after each change of motion; with less, it lags behind vibrations.
-const RISE_BY_STEP: f64 = 8.0;
+const RISE_BY_STEP: f64 = 3.0;
 
 /// Time in which ω falls back, s.
 const RISE_TIME: f64 = 0.03;
 
 /// Longest time between two readings over which motion is predicted, s.
 const LONGEST_INTERVAL: f64 = 0.025;
+
+/// Factor on ω in slow motion and on its rise, for each second of the damper's lag, at least 1. The more the
+/// damper lags, the less it damps the handle's swing on the coupling, and the sooner the tracker must follow.
+const HASTE_BY_LAG: f64 = 80.0;
 
 /// Longest lag of a velocity with which motion is estimated between encoder steps, s. A damper that lags by
 /// more damps the handle's swing on the coupling hardly at all, and an estimate that trails would let the swing
@@ -64,10 +64,12 @@ pub(crate) const LONGEST_LAG: f64 = 0.04;
 const REST: f64 = 1e-6;
 
 /// Estimates the motion of three axes from readings that are rounded to steps.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct StepObserver {
     /// Δ, m or rad; with 0 the estimates are the readings.
     step: f64,
+    /// Factor on the smallest ω and on its rise.
+    haste: f64,
     /// x̂ less the reading: at most half a step by axis.
     offset: DVec3,
     velocity: DVec3,
@@ -77,19 +79,17 @@ pub(crate) struct StepObserver {
 }
 
 impl StepObserver {
-    /// Starts at rest at the reading, with steps in m or rad.
-    pub fn new(step: f64) -> Self {
-        let step = if step.is_finite() { step.max(0.0) } else { 0.0 };
-        let none = DVec3::ZERO;
-        Self { step, offset: none, velocity: none, acceleration: none, rise: none }
+    /// Starts at rest at the reading, with steps in m or rad, for a damper on a velocity with a lag (s).
+    pub fn new(step: f64, lag: f64) -> Self {
+        let step = if step.is_finite() && lag <= LONGEST_LAG { step.max(0.0) } else { 0.0 };
+        Self { step, haste: (HASTE_BY_LAG * lag).max(1.0), ..Self::default() }
     }
 
-    /// Sets the steps, m or rad. If they change, the estimate starts anew at the reading.
-    pub fn set_step(&mut self, step: f64) {
-        let new = Self::new(step);
-        if new.step != self.step {
-            *self = new;
-        }
+    /// Sets the steps (m or rad) and the damper's lag, s. If it estimates from now on, or no more, it starts
+    /// anew at the reading.
+    pub fn set(&mut self, step: f64, lag: f64) {
+        let new = Self::new(step, lag);
+        *self = if new.step == self.step { Self { haste: new.haste, ..*self } } else { new };
     }
 
     /// The estimate less the reading, m or rad.
@@ -99,12 +99,14 @@ impl StepObserver {
 
     /// Starts anew at the reading.
     pub fn reset(&mut self) {
-        *self = Self::new(self.step);
+        *self = Self { step: self.step, haste: self.haste, ..Self::default() };
     }
 
     /// Stops the estimate where it is.
     pub fn rest(&mut self) {
-        *self = Self { offset: self.offset, ..Self::new(self.step) };
+        let offset = self.offset;
+        self.reset();
+        self.offset = offset;
     }
 
     /// Takes a reading that moved by `moved` (m or rad) in a time T (s, above 0). Returns the displacement of
@@ -128,8 +130,10 @@ impl StepObserver {
         let half = DVec3::splat(0.5 * step);
         self.offset = tracked.clamp(-half, half);
         let cut = self.offset - tracked;
-        self.correct(&Gains::new(rate.max(DVec3::splat(CLAMP_RATE)) * interval), cut, interval);
-        self.rise = (self.rise + cut.abs() * (RISE_BY_STEP / step)) / (1.0 + interval / RISE_TIME);
+        // Fewer and larger corrections than those of slow motion.
+        self.correct(&Gains::new(rate.max(DVec3::splat(EVEN_RATES.1)) * interval), cut, interval);
+        let rise = cut.abs() * (RISE_BY_STEP * self.haste / step);
+        self.rise = (self.rise + rise) / (1.0 + interval / RISE_TIME);
         self.settle(interval);
         moved + self.offset - before
     }
@@ -137,7 +141,8 @@ impl StepObserver {
     /// ω of the tracker, rad/s.
     fn rate(&self) -> DVec3 {
         let steps = self.velocity.abs() / self.step;
-        let even = (RATE_BY_STEPS * steps).clamp(DVec3::splat(EVEN_RATES.0), DVec3::splat(EVEN_RATES.1));
+        let (least, most) = ((EVEN_RATES.0 * self.haste).min(EVEN_RATES.1), EVEN_RATES.1);
+        let even = (RATE_BY_STEPS * steps).clamp(DVec3::splat(least), DVec3::splat(most));
         (even * (1.0 + self.rise)).min(DVec3::splat(FASTEST_RATE))
     }
 

@@ -6,7 +6,7 @@ use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
 use palpate_device::{DeviceState, Status};
 
-use crate::haptic::observer::{LONGEST_LAG, StepObserver};
+use crate::haptic::observer::StepObserver;
 use crate::telemetry::Events;
 
 /// Largest speeds of a handle in a hand, m/s and rad/s. Faster motion is a jump of the device.
@@ -112,7 +112,7 @@ impl Tracking {
             lags,
             lagged: Twist::ZERO,
             steps: (0.0, 0.0),
-            observers: (StepObserver::new(0.0), StepObserver::new(0.0)),
+            observers: Default::default(),
             estimated: state.pose,
             period,
         }
@@ -132,9 +132,8 @@ impl Tracking {
         let twist = self.damped_state().twist;
         self.lagged = twist;
         self.lags = lags;
-        let step = |step: f64, lag: f64| if lag <= LONGEST_LAG { step } else { 0.0 };
-        self.observers.0.set_step(step(self.steps.0, lags.0));
-        self.observers.1.set_step(step(self.steps.1, lags.1));
+        self.observers.0.set(self.steps.0, lags.0);
+        self.observers.1.set(self.steps.1, lags.1);
         self.estimated = self.estimate();
     }
 
