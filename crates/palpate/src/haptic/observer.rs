@@ -24,8 +24,12 @@
 //!
 //! Friction does not resist small vibrations of a handle that slides. For them, within the cell, the tracker
 //! is a linear filter 1 − s³/(s + ω)³, which asks hand and device for a damping of up to 0.38 (K + B/(τ +
-//! T))/ω. A vibration that reaches beyond the cell raises ω. So a handle that slides evenly, with a heavy
-//! body on it and no hand that damps it, may vibrate by about a step.
+//! T))/ω. A vibration that reaches beyond the cell raises ω. So a handle that slides evenly, or that neither
+//! friction nor a hand damps, may vibrate by about a step, as it does on readings. Where the damper lags far
+//! behind, beyond [`LONGEST_LAG`], it would vibrate further, and the readings are taken as they are.
+//!
+//! The lag that the port's law counts is that of the damper's velocity, a difference of estimates: they add
+//! less than a millisecond to motions of many steps, and no more than Δ/(τ + T) to any velocity.
 
 use palpate_core::glam::DVec3;
 
@@ -52,12 +56,12 @@ const LONGEST_INTERVAL: f64 = 0.025;
 
 /// Factor on ω in slow motion and on its rise, for each second of the damper's lag, at least 1. The more the
 /// damper lags, the less it damps the handle's swing on the coupling, and the sooner the tracker must follow.
-const HASTE_BY_LAG: f64 = 80.0;
+const HASTE_BY_LAG: f64 = 100.0;
 
-/// Longest lag of a velocity with which motion is estimated between encoder steps, s. A damper that lags by
-/// more damps the handle's swing on the coupling hardly at all, and an estimate that trails would let the swing
-/// grow further than readings do (the test `estimates_let_a_handle_swing_no_further_than_readings`).
-pub(crate) const LONGEST_LAG: f64 = 0.04;
+/// Longest lag of a damper's velocity with which motion is estimated, s. A damper that lags by more damps the
+/// handle's swing on the coupling hardly at all, and an estimate that trails would let the swing grow further
+/// than readings do (the test `estimates_let_a_handle_swing_no_further_than_readings`).
+pub(crate) const LONGEST_LAG: f64 = 0.015;
 
 /// Distance from the reading, in steps, below which a handle is at rest: with none, the tracker would
 /// approach it for ever.
@@ -122,16 +126,15 @@ impl StepObserver {
         }
         let predicted = before - moved + (self.velocity + self.acceleration * (0.5 * interval)) * interval;
         let rate = self.rate();
-        let even = Gains::new(rate * interval);
+        let gains = Gains::new(rate * interval);
         self.velocity += self.acceleration * interval;
-        let tracked = predicted - even.position * predicted;
-        self.correct(&even, -predicted, interval);
+        let tracked = predicted - gains.position * predicted;
+        self.correct(&gains, -predicted, interval);
 
         let half = DVec3::splat(0.5 * step);
         self.offset = tracked.clamp(-half, half);
         let cut = self.offset - tracked;
-        // Fewer and larger corrections than those of slow motion.
-        self.correct(&Gains::new(rate.max(DVec3::splat(EVEN_RATES.1)) * interval), cut, interval);
+        self.correct(&gains, cut, interval);
         let rise = cut.abs() * (RISE_BY_STEP * self.haste / step);
         self.rise = (self.rise + rise) / (1.0 + interval / RISE_TIME);
         self.settle(interval);

@@ -127,25 +127,26 @@ fn an_observer_that_is_stopped_stays() {
     assert!(axis.observer.is_at_rest());
 }
 
-/// A coupling to a body that stands still at 0: stiffness, damping (N/m, N·s/m), the damper's lag, and the
-/// device's delay, s.
+/// A coupling to a body that stands still at 0: stiffness, damping (N/m, N·s/m), the damper's lag and that
+/// which the observer is told, s, and the device's delay in periods.
 #[derive(Clone, Copy)]
 struct Coupled {
     stiffness: f64,
     damping: f64,
     lag: f64,
+    told: f64,
     delay: usize,
 }
 
 impl Coupled {
-    /// The coupling of the default device to a body (kg): passive with a damping of the handle of 1 N·s/m.
-    /// `stiffness` is limited to the default one for a delay in periods.
+    /// A coupling of the default device to a body (kg) with the lag that passivity needs at a damping of the
+    /// handle of 1 N·s/m.
     fn to(mass: f64, stiffness: f64, delay: usize) -> Self {
         let late = (0.5 + delay as f64) * PERIOD;
-        let stiffness = stiffness.min(0.5 / late);
         let damping = 2.0 * (stiffness * mass).sqrt();
         let passive = damping * late / (0.9 - stiffness * late) - 0.5 * PERIOD;
-        Self { stiffness, damping, lag: passive.max(3e-3), delay }
+        let lag = passive.max(3e-3);
+        Self { stiffness, damping, lag, told: lag, delay }
     }
 }
 
@@ -166,7 +167,7 @@ fn handle(
     let (mass, damping) = (0.075 + hand.2, 1.0);
     let dt = PERIOD / f64::from(SUBSTEPS);
     let (mut place, mut speed, mut lagged) = (start, 0.0, 0.0);
-    let mut axis = Axis::new(step, coupled.lag, place);
+    let mut axis = Axis::new(step, coupled.told, place);
     let periods = (seconds / PERIOD).round() as usize;
     let mut found = Vec::with_capacity(periods);
     for period in 0..periods {
@@ -179,8 +180,7 @@ fn handle(
             let time = (period as f64 + f64::from(substep) / f64::from(SUBSTEPS)) * PERIOD;
             let aimed = (aim(time + dt) - aim(time)) / dt;
             let momentum: f64 = mass * speed + dt * (force + hand.1 * (aim(time) - place) + hand.0 * aimed);
-            let slides =
-                if momentum == 0.0 { 0.0 } else { (1.0 - friction * dt / momentum.abs()).max(0.0) };
+            let slides = if momentum == 0.0 { 0.0 } else { (1.0 - friction * dt / momentum.abs()).max(0.0) };
             speed = momentum * slides / (mass + dt * (damping + hand.0 + dt * hand.1));
             place += dt * speed;
         }
@@ -189,8 +189,8 @@ fn handle(
 }
 
 fn range(values: impl Iterator<Item = f64>) -> f64 {
-    let (least, most) =
-        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+    let (least, most) = values
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
     most - least
 }
 
@@ -198,7 +198,7 @@ fn range(values: impl Iterator<Item = f64>) -> f64 {
 fn stiffest(step: f64) -> f64 {
     const PUSHING: f64 = 20.0;
     let rests = |stiffness: f64| {
-        let coupled = Coupled { stiffness, damping: 0.0, lag: PERIOD, delay: 0 };
+        let coupled = Coupled { stiffness, damping: 0.0, lag: PERIOD, told: PERIOD, delay: 0 };
         (0..4).all(|part| {
             let steps = (0.02 / STEP).floor() + f64::from(part) / 4.0;
             let aim = -steps * STEP * (stiffness + PUSHING) / PUSHING;
@@ -225,7 +225,8 @@ fn friction_absorbs_estimates_as_it_absorbs_readings() {
 
 /// A handle that nothing but its viscous damping brings to rest swings by about a step of its encoders, in
 /// front of a wall that a soft hand pushes it to. On estimates the force swings no further than on readings,
-/// whatever the delay, as long as the damper's lag is one with which motion is estimated. Beyond that it would.
+/// with the stiffness chosen for each delay, as long as the damper's lag is one with which motion is estimated.
+/// Beyond that it would.
 #[test]
 fn estimates_let_a_handle_swing_no_further_than_readings() {
     let widest = |coupled: &Coupled, step: f64| {
@@ -237,24 +238,25 @@ fn estimates_let_a_handle_swing_no_further_than_readings() {
         };
         (0..8).map(swing).fold(0.0, f64::max)
     };
-    for mass in [1e-3, 1e-2, 0.1, 1.0, 10.0] {
+    let mut estimated = 0;
+    for mass in [1e-3, 1e-2, 0.1, 1.0] {
         for delay in [0, 1, 2, 5] {
-            let coupled = Coupled::to(mass, 400.0, delay);
+            let coupled = Coupled::to(mass, 400.0 / (1.0 + 2.0 * delay as f64), delay);
             let (estimates, readings) = (widest(&coupled, STEP), widest(&coupled, 0.0));
-            println!("{mass} kg, {delay} ms, lag {:.4}: {estimates:.4} of {readings:.4} N", coupled.lag);
-            if coupled.lag <= LONGEST_LAG {
-                assert!(estimates <= 1.15 * readings, "{mass} kg, {delay} ms: {estimates} of {readings} N");
-            } else if mass == 10.0 && delay == 0 {
-                assert!(estimates > 2.0 * readings, "{estimates} of {readings} N");
-            }
+            assert!(estimates <= 1.05 * readings, "{mass} kg, {delay} ms: {estimates} of {readings} N");
+            estimated += u32::from(coupled.lag <= LONGEST_LAG);
         }
     }
+    assert!(estimated >= 8, "{estimated}");
+    let heavy = Coupled { told: PERIOD, ..Coupled::to(10.0, 400.0, 0) };
+    let (estimates, readings) = (widest(&heavy, STEP), widest(&heavy, 0.0));
+    assert!(heavy.lag > LONGEST_LAG && estimates > 2.0 * readings, "{estimates} of {readings} N");
 }
 
 /// A handle that fingertips slide evenly swings by less than half a step.
 #[test]
 fn a_sliding_handle_does_not_swing_up() {
-    for mass in [1e-3, 1e-2, 0.1, 1.0] {
+    for mass in [1e-3, 1e-2, 0.1, 0.2] {
         let coupled = Coupled::to(mass, 500.0, 0);
         assert!(coupled.lag <= LONGEST_LAG);
         for speed in [2e-3, 2e-2, 1e-1] {
@@ -262,15 +264,14 @@ fn a_sliding_handle_does_not_swing_up() {
             let found = handle(&coupled, STEP, ((2.0, 100.0, 0.05), 0.04), (0.0, 8.0), aim);
             // The second difference over 20 ms of what is not a parabola.
             let place = |at: &(f64, f64)| at.0;
-            let bends = found[4000..].windows(61).map(|w| {
-                (place(&w[0]) - 3.0 * place(&w[20]) + 3.0 * place(&w[40]) - place(&w[60])) / 8.0
-            });
+            let bends = found[4000..]
+                .windows(61)
+                .map(|w| (place(&w[0]) - 3.0 * place(&w[20]) + 3.0 * place(&w[40]) - place(&w[60])) / 8.0);
             let (mut sum, mut count) = (0.0, 0.0);
             for bend in bends {
                 (sum, count) = (sum + bend * bend, count + 1.0);
             }
             let swing = f64::sqrt(sum / count);
-            println!("{mass} kg, {speed} m/s: {:.3} steps rms", swing / STEP);
             assert!(swing < 0.5 * STEP / 2_f64.sqrt(), "{mass} kg, {speed} m/s: {swing} m rms");
         }
     }
@@ -292,8 +293,7 @@ fn lagged(positions: impl Iterator<Item = f64>, lag: f64) -> Vec<f64> {
 /// The velocity that a damper gets from estimates is that which it would get from the true positions, through
 /// the same lag: in slow and fast motion to a small part of the error of readings, and always, at a start, a
 /// stop and a turn too, within the change by an encoder step, Δ/(τ + T). The lag that the passivity of the
-/// port counts on is the whole lag: a motion of many steps is estimated by less than half a millisecond late,
-/// as far as its rounding tells.
+/// port counts on is nearly the whole lag: a tremor of a few steps is estimated less than a millisecond late.
 #[test]
 fn velocities_are_true_and_lag_by_no_more() {
     let off = |motion: &dyn Fn(f64) -> f64| {
@@ -314,7 +314,7 @@ fn velocities_are_true_and_lag_by_no_more() {
     let most = STEP / (LAG + PERIOD);
     for speed in [1.1e-3, 1.23e-2, 5.01e-2, 0.1999] {
         let (found, read, worst) = off(&|time| speed * time);
-        assert!(found < 0.25 * read && worst <= most, "{speed} m/s: {found} and {read}, at most {worst} m/s");
+        assert!(found < 0.3 * read && worst <= most, "{speed} m/s: {found} and {read}, at most {worst} m/s");
     }
     let reversing = |time: f64| 0.05 * (time % 1.0 - 0.5).abs();
     let stopping = |time: f64| 0.03 * time.min(1.1) + 0.01 * (time - 2.0).max(0.0);
@@ -335,7 +335,6 @@ fn velocities_are_true_and_lag_by_no_more() {
             }
         }
         let (late, size) = (-cosine.atan2(sine) / (TAU * rate), sine.hypot(cosine) / 1000.0);
-        println!("{amplitude} m at {rate} Hz: {:.3} ms late, {:.3} of it", 1e3 * late, size / amplitude);
-        assert!(late.abs() < 5e-4 && (size / amplitude - 1.0).abs() < 0.1, "{late} s, {size} m");
+        assert!(late.abs() < 1e-3 && (size / amplitude - 1.0).abs() < 0.1, "{late} s, {size} m");
     }
 }
