@@ -17,8 +17,8 @@ use palpate::{
 const FREE: f64 = 5e-3;
 const PRESSED: f64 = 1e-2;
 
-/// Part of the force by readings that is left of a heavier object's in fast motion. Set after it was measured,
-/// 0.32: at 0.2 m/s the hand's acceleration leaves too few readings for a fine estimate.
+/// Part of the force by readings that is left of a heavier object's in fast motion. Set after it was
+/// measured, 0.32: at 0.2 m/s the hand's acceleration leaves too few readings for a fine estimate.
 const LEFT: f64 = 0.4;
 
 /// Masses of objects, kg. Beside the last one's damper, which lags by 33 ms, readings are taken as they are.

@@ -237,6 +237,10 @@ impl<T: Tool> HapticLoop<T> {
         }
         let (elapsed, dt) = times_of_step(now - std::mem::replace(&mut self.now, now), dt, self.max_step);
         let reading = self.read(device, gripper_angle, elapsed, dt);
+        if self.workspace.clutched() {
+            // The hand's image stays, and on release it must not drift while an estimate settles.
+            self.tracking.drop_estimate();
+        }
         let handle = self.workspace.locate(&self.tracking.damped_state());
         let hand = Hand {
             device: motion_at(&handle, &(Pose::from_translation(-self.handle) * self.grasp)),

@@ -202,9 +202,7 @@ impl Tracking {
         self.state = *state;
         if back {
             self.lagged = Twist::ZERO;
-            self.observers.0.reset();
-            self.observers.1.reset();
-            self.estimated = state.pose;
+            self.drop_estimate();
             return Reading::Back;
         }
         self.displacement = moved;
@@ -214,6 +212,13 @@ impl Tracking {
         self.lagged.linear = filtered(self.lagged.linear, linear, interval, self.lags.0);
         self.lagged.angular = filtered(self.lagged.angular, angular, interval, self.lags.1);
         Reading::Good
+    }
+
+    /// Takes the last reading as it is: what was estimated between steps is dropped.
+    pub fn drop_estimate(&mut self) {
+        self.observers.0.reset();
+        self.observers.1.reset();
+        self.estimated = self.state.pose;
     }
 
     /// The pose by the last reading and what is estimated beyond it.

@@ -225,8 +225,8 @@ fn friction_absorbs_estimates_as_it_absorbs_readings() {
 
 /// A handle that nothing but its viscous damping brings to rest swings by about a step of its encoders, in
 /// front of a wall that a soft hand pushes it to. On estimates the force swings no further than on readings,
-/// with the stiffness chosen for each delay, as long as the damper's lag is one with which motion is estimated.
-/// Beyond that it would.
+/// with the stiffness chosen for each delay, as long as the damper's lag is one with which motion is
+/// estimated. Beyond that it would.
 #[test]
 fn estimates_let_a_handle_swing_no_further_than_readings() {
     let widest = |coupled: &Coupled, step: f64| {
