@@ -4,12 +4,12 @@
 //! more. A force that follows readings changes by (K + B/(τ + T)) Δ at each step, for a spring K and a damper
 //! B on a velocity with the lag τ: at 500 N/m and 30 µm by up to 54 mN, which a hand feels.
 //!
-//! [`StepObserver`] estimates the position x̂, velocity and acceleration of each axis. It predicts x̂ from the
-//! two, draws it towards the reading with a critically damped tracker of third order (three equal poles at
-//! −ω), and clamps it to the cell. What the clamp moves corrects velocity and acceleration, too, and raises ω
-//! for a short time. So a steady motion, or a steadily accelerated one, becomes a smooth curve, a motion that
-//! changes is followed at once, and a handle at rest is exactly at rest, at the reading. The fewer steps a
-//! second, the slower the tracker: it must not follow the staircase of the readings.
+//! [`StepObserver`] estimates the position x̂, velocity and acceleration of each axis. It predicts x̂ from
+//! the two, draws it towards the reading with a critically damped tracker of third order (three equal poles
+//! at −ω), and clamps it to the cell. What the clamp moves corrects velocity and acceleration, too, and
+//! raises ω for a short time. So a steady motion, or a steadily accelerated one, becomes a smooth curve, a
+//! motion that changes is followed at once, and a handle at rest is exactly at rest, at the reading. The
+//! fewer steps a second, the slower the tracker: it must not follow the staircase of the readings.
 //!
 //! # Passivity
 //!
