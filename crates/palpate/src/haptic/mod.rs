@@ -8,6 +8,7 @@ mod exchange;
 pub(crate) mod gripper;
 pub(crate) mod heat;
 pub(crate) mod invariants;
+mod observer;
 pub(crate) mod output;
 mod outputs;
 pub(crate) mod presence;
@@ -134,7 +135,8 @@ impl<T: Tool> HapticLoop<T> {
         Self {
             grasp: settings.grasp,
             handle: placement.handle(),
-            tracking: Tracking::new(device, settings.velocity_lags, period),
+            tracking: Tracking::new(device, settings.velocity_lags, period)
+                .between_steps((specification.encoder_step, specification.angular_encoder_step)),
             gripper,
             workspace: Workspace::new(*placement.mapping(), settings.clutch_button),
             presence: Presence::new(settings.contact_timeout, engagement),
@@ -236,6 +238,10 @@ impl<T: Tool> HapticLoop<T> {
         }
         let (elapsed, dt) = times_of_step(now - std::mem::replace(&mut self.now, now), dt, self.max_step);
         let reading = self.read(device, gripper_angle, elapsed, dt);
+        if self.workspace.clutched() {
+            // The hand's image stays, and on release it must not drift while an estimate settles.
+            self.tracking.drop_estimate();
+        }
         let handle = self.workspace.locate(&self.tracking.damped_state());
         let hand = Hand {
             device: motion_at(&handle, &(Pose::from_translation(-self.handle) * self.grasp)),
@@ -273,7 +279,7 @@ impl<T: Tool> HapticLoop<T> {
         elapsed: f64,
         dt: f64,
     ) -> Reading {
-        let before = self.tracking.state().pose;
+        let before = self.tracking.damped_state().pose;
         let events = &mut self.telemetry.events;
         let mut reading = self.tracking.take(device, elapsed, events);
         let of_device = reading;

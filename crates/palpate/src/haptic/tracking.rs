@@ -1,10 +1,12 @@
-//! Tracking of a device's readings: bad ones are replaced by the last good one, jumps are refused, and
-//! velocities are filtered for the coupling's damper.
+//! Tracking of a device's readings: bad ones are replaced by the last good one, jumps are refused, motion
+//! between encoder steps is [estimated](super::observer), and velocities are filtered for the coupling's
+//! damper.
 
-use palpate_core::glam::DVec3;
+use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
 use palpate_device::{DeviceState, Status};
 
+use crate::haptic::observer::StepObserver;
 use crate::telemetry::Events;
 
 /// Largest speeds of a handle in a hand, m/s and rad/s. Faster motion is a jump of the device.
@@ -87,6 +89,12 @@ pub(crate) struct Tracking {
     lags: (f64, f64),
     /// Velocities filtered through these lags.
     lagged: Twist,
+    /// The encoders' steps, m and rad; 0 if readings are not rounded, or it is not known.
+    steps: (f64, f64),
+    /// Position and orientation between these steps.
+    observers: (StepObserver, StepObserver),
+    /// The pose that they estimate.
+    estimated: Pose,
     period: f64,
 }
 
@@ -103,8 +111,20 @@ impl Tracking {
             suspect: None,
             lags,
             lagged: Twist::ZERO,
+            steps: (0.0, 0.0),
+            observers: Default::default(),
+            estimated: state.pose,
             period,
         }
+    }
+
+    /// Estimates the motion between encoder steps (m, rad) where the lags allow it; with steps of 0 the
+    /// readings are taken as they are.
+    #[must_use]
+    pub fn between_steps(mut self, steps: (f64, f64)) -> Self {
+        self.steps = steps;
+        self.set_lags(self.lags);
+        self
     }
 
     /// Changes the lags of the velocities, which continue from their present values.
@@ -112,6 +132,9 @@ impl Tracking {
         let twist = self.damped_state().twist;
         self.lagged = twist;
         self.lags = lags;
+        self.observers.0.set(self.steps.0, lags.0);
+        self.observers.1.set(self.steps.1, lags.1);
+        self.estimated = self.estimate();
     }
 
     /// The last good state, its twist zero while it is held.
@@ -119,7 +142,8 @@ impl Tracking {
         &self.state
     }
 
-    /// The last good state with the velocities for the coupling's damper.
+    /// The last good state with pose and velocities for the coupling: the pose is estimated between encoder
+    /// steps.
     pub fn damped_state(&self) -> DeviceState {
         let Twist { mut linear, mut angular } = self.state.twist;
         if self.lags.0 > 0.0 {
@@ -128,7 +152,7 @@ impl Tracking {
         if self.lags.1 > 0.0 {
             angular = self.lagged.angular;
         }
-        DeviceState { twist: Twist { linear, angular }, ..self.state }
+        DeviceState { pose: self.estimated, twist: Twist { linear, angular }, ..self.state }
     }
 
     /// Displacement of the handle in the last call of [`Self::take`].
@@ -178,12 +202,28 @@ impl Tracking {
         self.state = *state;
         if back {
             self.lagged = Twist::ZERO;
+            self.drop_estimate();
             return Reading::Back;
         }
         self.displacement = moved;
-        self.lagged.linear = filtered(self.lagged.linear, moved.linear, interval, self.lags.0);
-        self.lagged.angular = filtered(self.lagged.angular, moved.angular, interval, self.lags.1);
+        let linear = self.observers.0.advance(moved.linear, interval);
+        let angular = self.observers.1.advance(moved.angular, interval);
+        self.estimated = self.estimate();
+        self.lagged.linear = filtered(self.lagged.linear, linear, interval, self.lags.0);
+        self.lagged.angular = filtered(self.lagged.angular, angular, interval, self.lags.1);
         Reading::Good
+    }
+
+    /// Takes the last reading as it is: what was estimated between steps is dropped.
+    pub fn drop_estimate(&mut self) {
+        self.observers.0.reset();
+        self.observers.1.reset();
+        self.estimated = self.state.pose;
+    }
+
+    /// The pose by the last reading and what is estimated beyond it.
+    fn estimate(&self) -> Pose {
+        displaced(&self.state.pose, self.observers.0.offset(), self.observers.1.offset())
     }
 
     /// Whether a reading is the same as before. Readings without time stamps always count as new.
@@ -209,6 +249,8 @@ impl Tracking {
     fn hold(&mut self) -> Reading {
         self.state.twist = Twist::ZERO;
         self.lagged = Twist::ZERO;
+        self.observers.0.rest();
+        self.observers.1.rest();
         self.lost |= self.blind > MAX_HOLD;
         if self.lost { Reading::Lost } else { Reading::Held }
     }
@@ -231,6 +273,13 @@ fn filtered(velocity: DVec3, moved: DVec3, interval: f64, lag: f64) -> DVec3 {
     let gain = if lag > 0.0 { interval / (lag + interval) } else { 0.0 };
     let velocity = velocity + (moved / interval - velocity) * gain;
     if velocity.abs().max_element() < MIN_SPEED { DVec3::ZERO } else { velocity }
+}
+
+/// A pose displaced by an offset (m) and turned by a rotation vector (rad).
+fn displaced(pose: &Pose, offset: DVec3, turn: DVec3) -> Pose {
+    let turned =
+        if turn == DVec3::ZERO { pose.rotation } else { DQuat::from_scaled_axis(turn) * pose.rotation };
+    Pose { translation: pose.translation + offset, rotation: turned }
 }
 
 /// The displacement from one pose to another: m, and rad as a rotation vector.

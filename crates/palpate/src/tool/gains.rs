@@ -84,7 +84,7 @@ impl Gains {
             placement,
             coupling,
             limits,
-            velocity_lags: limits.in_world(settings.device.workspace_scale).velocity_lags(&coupling),
+            velocity_lags: velocity_lags(settings, &coupling, &limits),
             contacts,
             slew: slew(settings, &limits),
             max_damping: max_damping(settings, &coupling, &limits),
@@ -182,6 +182,23 @@ fn coupling(settings: &Settings, body: &Body, grasp: Pose, limits: &PortLimits) 
     coupling.linear_damping = settings.coupling.damping.unwrap_or(coupling.linear_damping);
     coupling.angular_damping = settings.coupling.angular_damping.unwrap_or(coupling.angular_damping);
     coupling
+}
+
+/// Lags (s) of the device's velocities for the dampers: those that passivity needs. Where motion is estimated
+/// between encoder steps, velocities are differences of the estimates, whose lag is no less than that of the
+/// device's own.
+fn velocity_lags(settings: &Settings, coupling: &VirtualCoupling, limits: &PortLimits) -> (f64, f64) {
+    let (linear, angular) = limits.in_world(settings.device.workspace_scale).velocity_lags(coupling);
+    let estimated = |axes: &PortAxes, lag: f64| {
+        if axes.step > 0.0 && axes.peak > 0.0 { lag.max(limits.sampling.velocity_delay) } else { lag }
+    };
+    let lags = (estimated(&limits.translation, linear), estimated(&limits.rotation, angular));
+    // Equal lags at a lever stay equal.
+    if limits.lever > 0.0 && linear == angular {
+        let longest = lags.0.max(lags.1);
+        return (longest, longest);
+    }
+    lags
 }
 
 /// Largest rate of change of the wrench at the device.

@@ -124,6 +124,51 @@ fn a_stale_reading_holds_the_velocity() {
     assert_eq!(events.device_stale, 30);
 }
 
+/// Between encoder steps the pose is estimated, in the cell of the reading, and the velocity is that of the
+/// estimates. A device that is held stays where it was estimated; one that comes back is where it is read.
+#[test]
+fn motion_is_estimated_between_the_steps() {
+    let (step, turn, lag) = (3e-5, 1e-3, 3e-3);
+    let at = |n: u32| {
+        let (x, angle) = (1.3e-5 * f64::from(n), 0.4e-3 * f64::from(n));
+        let rounded = |value: f64, step: f64| (value / step).round() * step;
+        let mut state = reading(PERIOD * f64::from(n), rounded(x, step));
+        state.pose.rotation = DQuat::from_rotation_y(rounded(angle, turn));
+        (state, x, DQuat::from_rotation_y(angle))
+    };
+    for estimated in [true, false] {
+        let steps = if estimated { (step, turn) } else { (0.0, 0.0) };
+        let mut tracking = tracking((lag, lag)).between_steps(steps);
+        let mut events = Events::default();
+        let mut worst = (0.0_f64, 0.0_f64, 0.0_f64);
+        for n in 0..600 {
+            let (state, x, rotation) = at(n);
+            tracking.take(Some(&state), PERIOD, &mut events);
+            let found = tracking.damped_state();
+            assert!((found.pose.translation.x - state.pose.translation.x).abs() <= 0.5001 * step);
+            assert!(found.pose.rotation.angle_between(state.pose.rotation) <= 0.5001 * turn);
+            if n > 300 {
+                let turned = found.pose.rotation.angle_between(rotation);
+                worst.0 = worst.0.max((found.pose.translation.x - x).abs() / step);
+                worst.1 = worst.1.max(turned / turn);
+                worst.2 = worst.2.max((found.twist.linear.x - 0.013).abs() / 0.013);
+            }
+        }
+        let close = worst.0 < 0.3 && worst.1 < 0.3 && worst.2 < 0.1;
+        assert_eq!(close, estimated, "{worst:?}");
+        assert_eq!(tracking.state().pose, at(599).0.pose);
+
+        let last = tracking.damped_state().pose;
+        let mut held = at(600).0;
+        held.status = Status::HELD;
+        assert_eq!(tracking.take(Some(&held), PERIOD, &mut events), Reading::Held);
+        assert_eq!((tracking.damped_state().pose, tracking.damped_state().twist), (last, Twist::ZERO));
+        assert_eq!(tracking.take(None, PERIOD, &mut events), Reading::Lost);
+        assert_eq!(tracking.take(Some(&at(603).0), PERIOD, &mut events), Reading::Back);
+        assert_eq!(tracking.damped_state().pose, at(603).0.pose);
+    }
+}
+
 #[test]
 fn the_worse_of_two_ports_counts() {
     use Reading::{Back, Good, Held, Lost, Stale};
