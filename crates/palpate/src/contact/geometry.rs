@@ -221,11 +221,11 @@ impl ContactGeometry {
 
 impl NearObject {
     fn assign(&mut self, found: &Self) {
-        let Self { surface, pose, motion, speed } = self;
+        let Self { place, surface, pose, motion, speed } = self;
         if !Arc::ptr_eq(surface, &found.surface) {
             surface.clone_from(&found.surface);
         }
-        (*pose, *motion, *speed) = (found.pose, found.motion, found.speed);
+        (*place, *pose, *motion, *speed) = (found.place, found.pose, found.motion, found.speed);
     }
 }
 
@@ -370,6 +370,7 @@ mod tests {
     fn geometry(heights: [f64; 3], count: usize) -> ContactGeometry {
         let surface = tetrahedron();
         let object = |height: f64| NearObject {
+            place: 0,
             surface: Arc::clone(&surface),
             pose: Pose::from_translation(DVec3::Z * height),
             motion: MovingBody::STILL,
@@ -387,7 +388,14 @@ mod tests {
         };
         made.points = {
             let frames = made.frames(&Pose::IDENTITY);
-            let point = |i: usize| GuardedPoint::new((DVec3::X, 0.1), true, (i % 3) as u8, &frames[i % 3]);
+            let point = |i: usize| {
+                GuardedPoint::new(
+                    (frames[i % 3].own(true).place_near(DVec3::X), 0.1),
+                    true,
+                    (i % 3) as u8,
+                    &frames[i % 3],
+                )
+            };
             (0..count).map(point).collect()
         };
         made
