@@ -504,7 +504,7 @@ pub struct Physics {
     #[arg(long)]
     contact_stiffness: Option<f64>,
     /// How contacts act: constraints hold surfaces apart and measure them exactly in each haptic step,
-    /// penalty springs push them apart [default: penalty]
+    /// penalty springs push them apart [default: constraints; recommend: penalty]
     #[arg(long, value_enum)]
     response: Option<ResponseName>,
     /// Contact damping, N·s/m [default: critical]

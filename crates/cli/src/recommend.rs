@@ -5,7 +5,7 @@ use std::fmt::Display;
 
 use palpate::device::{Interpolation, MotionPath};
 use palpate::errors::RendererError;
-use palpate::settings::ContactSearch;
+use palpate::settings::{ContactSearch, ContactSettings};
 use palpate::{Pose, Scene, Settings};
 use palpate_measure::{Choice, Hand, Measured, Recommendation, Request};
 use serde::Serialize;
@@ -46,7 +46,12 @@ pub fn run(arguments: &RecommendArguments) -> Result<(), Failure> {
     let probe = textures::open(&arguments.probe, &arguments.textures.of_probe(), &reading.of_probe())?;
     let object = textures::open(&arguments.scene, &arguments.textures.of_scene(), &reading.of_scene())?;
     let scene = Scene::new().with(object, Pose::IDENTITY);
-    let settings = arguments.textures.applied_to(Settings::default());
+    // Constraints have one resolution, and nothing to choose.
+    let penalties = Settings {
+        contact: ContactSettings::penalties(ContactSettings::default().stiffness),
+        ..Settings::default()
+    };
+    let settings = arguments.textures.applied_to(penalties);
     let settings = arguments.physics.applied_to(settings, probe.bounding_radius());
     settings.check().map_err(RendererError::from)?;
     let period = 1.0 / settings.timing.rate;
@@ -173,7 +178,7 @@ fn in_words(advice: &Advice<'_>) -> Vec<(&'static str, String)> {
 
 /// Command that renders with the chosen settings and the options that were given.
 fn command(arguments: &RecommendArguments, choice: &Choice) -> String {
-    let mut words = vec![format!("palpate run {} {}", arguments.probe, arguments.scene)];
+    let mut words = vec![format!("palpate run {} {} --response penalty", arguments.probe, arguments.scene)];
     words.extend(arguments.reading.words());
     if choice.search == ContactSearch::Representatives {
         words.push("--representative".to_owned());

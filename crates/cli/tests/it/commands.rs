@@ -765,7 +765,7 @@ fn sessions_render_representative_contacts() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
     let run = |scene: &str, record: &str, options: &[&str]| {
-        let all = ["--lockstep", "--seconds", "1.5", "--record", record];
+        let all = ["--lockstep", "--seconds", "1.5", "--response", "penalty", "--record", record];
         json(&[&["run", "ellipsoid@500", scene, "--json"], &all[..], options].concat(), folder)
     };
     let summary = run("golf-ball@1000", "first.csv", &["--representative", "0.5%"]);
@@ -938,7 +938,7 @@ fn the_meshes_of_a_pair_are_scaled_one_by_one() {
     std::fs::write(folder.join("mm.obj"), metres.lines().map(in_millimetres).collect::<String>())
         .expect("written");
     let deepest = |probe: &str, options: &[&str]| {
-        let run = ["run", probe, "golf-ball@1000", "--lockstep", "--seconds", "2", "--json"];
+        let run = ["run", probe, "golf-ball@1000", "--lockstep", "--seconds", "3", "--json"];
         json_with_warnings(&[&run[..], options].concat(), folder)["coupling_force_max"]
             .as_f64()
             .expect("a force")
@@ -1271,7 +1271,10 @@ fn settings_are_recommended_that_run_takes() {
     let easy = recommend("100000");
     assert_eq!(easy["chosen"]["fits"], true);
     assert_eq!(easy["chosen"]["felt"]["force"]["mean"], 0.0, "{}", easy["chosen"]);
-    assert_eq!(easy["command"], "palpate run ellipsoid@500 golf-ball@5000 --error 0 --rate 200");
+    assert_eq!(
+        easy["command"],
+        "palpate run ellipsoid@500 golf-ball@5000 --response penalty --error 0 --rate 200"
+    );
     let hard = recommend("1");
     assert_eq!(hard["chosen"]["fits"], false, "{}", hard["chosen"]);
     let tried = hard["tried"].as_array().expect("a list");

@@ -21,32 +21,34 @@ const MASS: f64 = 0.01;
 const CONTACT_STIFFNESS: f64 = 5000.0;
 const COUPLING_STIFFNESS: f64 = 500.0;
 
-/// Detail of the contacts between the jaws.
+/// Contacts between the jaws.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Detail {
-    /// Levels of detail, with details up to a share of the held jaw's bounding radius left out: `--error`.
-    Levels(f64),
-    /// The default.
-    Automatic,
+enum Contacts {
+    /// Penalty contacts by levels of detail, with details up to a share of the held jaw's bounding radius left
+    /// out.
+    Penalties(f64),
+    /// The default, which is judged.
+    Constraints,
 }
 
-impl Detail {
+impl Contacts {
     fn name(self) -> String {
         match self {
-            Self::Levels(0.0) => "full".to_owned(),
-            Self::Levels(error) => format!("{} %", 100.0 * error),
-            Self::Automatic => "default".to_owned(),
+            Self::Penalties(0.0) => "penalties".to_owned(),
+            Self::Penalties(error) => format!("penalties, s0 {} %", 100.0 * error),
+            Self::Constraints => "constraints".to_owned(),
         }
     }
 
     fn settings(self, radius: f64) -> Settings {
-        let (method, error) = match self {
-            Self::Levels(error) => (ContactSearch::Levels, error * radius),
-            Self::Automatic => (ContactSearch::Automatic, 0.0),
+        let penalties = ContactSettings::penalties(CONTACT_STIFFNESS);
+        let (contact, method, error) = match self {
+            Self::Penalties(error) => (penalties, ContactSearch::Levels, error * radius),
+            Self::Constraints => (ContactSettings::default(), ContactSearch::Automatic, 0.0),
         };
         Settings {
             tool: ToolSettings { mass: MASS, ..ToolSettings::default() },
-            contact: ContactSettings { stiffness: CONTACT_STIFFNESS, ..ContactSettings::default() },
+            contact,
             coupling: CouplingSettings { stiffness: Some(COUPLING_STIFFNESS), ..CouplingSettings::default() },
             search: SearchSettings { method, ..SearchSettings::default() },
             detail: DetailSettings { error, ..DetailSettings::default() },
@@ -55,9 +57,9 @@ impl Detail {
     }
 }
 
-/// Sessions of the jaws with a detail and a contact rate: one that explores, and one that presses and holds.
+/// Sessions of the jaws with contacts found at a rate: one that explores, and one that presses and holds.
 struct Jaws {
-    detail: Detail,
+    contacts: Contacts,
     rate: f64,
     exploring: Measured,
     pressing: Measured,
@@ -68,14 +70,17 @@ struct Jaws {
 /// # Errors
 /// If a model cannot be built, or a session cannot start.
 pub fn map(plan: &Plan) -> Result<Section, String> {
-    let details =
-        plan.choose(&[Detail::Levels(0.025), Detail::Levels(0.0), Detail::Automatic], &[Detail::Levels(0.0)]);
+    let contacts = plan.choose(
+        &[Contacts::Penalties(0.025), Contacts::Penalties(0.0), Contacts::Constraints],
+        &[Contacts::Constraints],
+    );
     let rates = plan.choose(&[500.0, 100.0, 50.0], &[50.0]);
-    let jaws = jaws(plan, &pairs(&details, &rates))?;
+    let jaws = jaws(plan, &pairs(&contacts, &rates))?;
     let scans = scans::map(plan)?;
-    let verdicts = details.iter().flat_map(|detail| {
-        verdicts(*detail, &jaws.iter().filter(|jaws| jaws.detail == *detail).collect::<Vec<_>>())
-    });
+    let of = |wanted: &dyn Fn(&Contacts) -> bool| jaws.iter().filter(|jaws| wanted(&jaws.contacts)).collect();
+    let judged: Vec<&Jaws> = of(&|contacts| *contacts == Contacts::Constraints);
+    let penalties: Vec<&Jaws> = of(&|contacts| *contacts != Contacts::Constraints);
+    let verdicts = verdicts(&judged).into_iter().chain(control(&penalties));
     Ok(Section {
         title: "Extremes: a light jaw on teeth, and scans",
         paragraphs: [vec![introduction()], scans.paragraphs].concat(),
@@ -88,8 +93,8 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
 fn introduction() -> String {
     format!(
         "`palpate run {} {} --device emulated --lockstep --contact-rate HZ --seconds 5 --mass {MASS} \
-         --contact-stiffness {CONTACT_STIFFNESS} --coupling-stiffness {COUPLING_STIFFNESS} --error 2.5%`, and the same \
-         with `--error 0`, without `--error`, and with a hand that presses and holds \
+         --contact-stiffness {CONTACT_STIFFNESS} --coupling-stiffness {COUPLING_STIFFNESS}`, the same with `--response \
+         penalty --error 0` and `--response penalty --error 2.5%`, and all with a hand that presses and holds \
          (`--device emulated:premium-1.5,task=press --seconds 4`), which alone has a time at rest. Penetration is that \
          of `palpate query --exact` along the recorded poses. Forces are at the device, root mean square above 20 Hz \
          (Butterworth, fourth order, forwards and backwards), in free space, within 0.15 s of touch-down or release \
@@ -103,7 +108,7 @@ fn introduction() -> String {
 }
 
 /// Runs the sessions of the jaws.
-fn jaws(plan: &Plan, cases: &[(Detail, f64)]) -> Result<Vec<Jaws>, String> {
+fn jaws(plan: &Plan, cases: &[(Contacts, f64)]) -> Result<Vec<Jaws>, String> {
     let models = plan.each("extremes: jaws", &JAWS, |name| {
         let name = if plan.quick { format!("{name}@{QUICK_TRIANGLES}") } else { (*name).to_owned() };
         Object::model(&name).map_err(|error| error.to_string())
@@ -111,20 +116,20 @@ fn jaws(plan: &Plan, cases: &[(Detail, f64)]) -> Result<Vec<Jaws>, String> {
     let [probe, lower] = &models[..] else { return Err("two jaws are needed".to_owned()) };
     let scene = Scene::new().with(lower.clone(), Pose::IDENTITY);
     let sessions = pairs(cases, &[Hands::Exploring, Hands::Pressing]);
-    let found = plan.each("extremes", &sessions, |((detail, rate), hands)| {
-        let settings = detail.settings(probe.bounding_radius());
+    let found = plan.each("extremes", &sessions, |((contacts, rate), hands)| {
+        let settings = contacts.settings(probe.bounding_radius());
         Case { probe, scene: &scene, settings, contact_rate: *rate }.measure(*hands)
     })?;
     let mut found = found.into_iter();
-    let paired = cases.iter().map_while(|&(detail, rate)| {
-        Some(Jaws { detail, rate, exploring: found.next()?, pressing: found.next()? })
+    let paired = cases.iter().map_while(|&(contacts, rate)| {
+        Some(Jaws { contacts, rate, exploring: found.next()?, pressing: found.next()? })
     });
     Ok(paired.collect())
 }
 
 fn table(jaws: &[Jaws]) -> Table {
     let columns = vec![
-        "detail",
+        "contacts",
         "contact_rate_hz",
         "told_m",
         "exact_m",
@@ -145,11 +150,11 @@ fn table(jaws: &[Jaws]) -> Table {
         "rest_band_hz",
         "rest_ratio",
     ];
-    let rows = jaws.iter().map(|Jaws { detail, rate, exploring, pressing }| {
+    let rows = jaws.iter().map(|Jaws { contacts, rate, exploring, pressing }| {
         let (slid, rested) = (&exploring.vibration.sliding, &pressing.vibration.rest);
         let [slid_worst, rested_worst] = [slid, rested].map(worst);
         row![
-            detail.name(),
+            contacts.name(),
             rate,
             exploring.told,
             exploring.exact.depth,
@@ -174,9 +179,22 @@ fn table(jaws: &[Jaws]) -> Table {
     Table { name: "extremes".to_owned(), columns, rows: rows.collect() }
 }
 
-/// Returns the verdicts on the sessions with one detail.
-fn verdicts(detail: Detail, jaws: &[&Jaws]) -> Vec<Verdict> {
-    let both = |jaws: &&Jaws| jaws.exploring.exact.depth.max(jaws.pressing.exact.depth);
+/// Deepest penetration of both sessions, m.
+fn deepest(jaws: &&Jaws) -> f64 {
+    jaws.exploring.exact.depth.max(jaws.pressing.exact.depth)
+}
+
+/// Negative control: the bound on penetration does not hold of itself.
+fn control(penalties: &[&Jaws]) -> Option<Verdict> {
+    let depth = penalties.iter().map(deepest).fold(0.0, f64::max);
+    (!penalties.is_empty()).then(|| {
+        let expected = format!("jaws, penalties penetrate deeper than {} mm", 1e3 * DEPTH);
+        Verdict::new(expected, depth > DEPTH, format!("{:.3} mm", 1e3 * depth))
+    })
+}
+
+/// Returns the verdicts on the sessions with constraints.
+fn verdicts(jaws: &[&Jaws]) -> Vec<Verdict> {
     let free = |jaws: &&Jaws| jaws.exploring.vibration.free.force;
     let rest = |jaws: &&Jaws| jaws.pressing.vibration.rest.force;
     let slid = |jaws: &&Jaws| jaws.exploring.vibration.sliding.force;
@@ -185,28 +203,27 @@ fn verdicts(detail: Detail, jaws: &[&Jaws]) -> Vec<Verdict> {
         each.collect::<Vec<_>>().join(", ")
     };
     let most = |value: &dyn Fn(&&Jaws) -> f64| jaws.iter().map(value).fold(0.0, f64::max);
-    let name = detail.name();
     let happened = |seconds: &dyn Fn(&&Jaws) -> f64| jaws.iter().all(|jaws| seconds(jaws) > 0.0);
     let rested = happened(&|jaws| jaws.pressing.vibration.rest.seconds);
     let touched = happened(&|jaws| jaws.exploring.vibration.sliding.seconds);
     vec![
         Verdict::new(
-            format!("jaws, detail {name}: penetration stays within {} mm", 1e3 * DEPTH),
-            most(&both) <= DEPTH && touched,
-            format!("{} mm", at(&|jaws| 1e3 * both(jaws))),
+            format!("jaws, constraints: penetration stays within {} mm", 1e3 * DEPTH),
+            most(&deepest) <= DEPTH && touched,
+            format!("{} mm", at(&|jaws| 1e3 * deepest(jaws))),
         ),
         Verdict::new(
-            format!("jaws, detail {name}: force above 20 Hz stays within {SLIDING} N in sliding"),
+            format!("jaws, constraints: force above 20 Hz stays within {SLIDING} N in sliding"),
             most(&slid) <= SLIDING && touched,
             format!("{} N", at(&slid)),
         ),
         Verdict::new(
-            format!("jaws, detail {name}: force above 20 Hz stays within {REST} N at rest"),
+            format!("jaws, constraints: force above 20 Hz stays within {REST} N at rest"),
             most(&rest) <= REST && rested,
             format!("{} N", at(&rest)),
         ),
         Verdict::new(
-            format!("jaws, detail {name}: force above 20 Hz stays within {FREE} N in free space"),
+            format!("jaws, constraints: force above 20 Hz stays within {FREE} N in free space"),
             most(&free) <= FREE,
             format!("{} N", at(&free)),
         ),

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use palpate::settings::{ContactSearch, SearchSettings, ToolSettings};
+use palpate::settings::ToolSettings;
 use palpate::{Object, OpenOptions, Pose, Scene, Settings};
 use palpate_report::{CellAxis, HeatMap};
 
@@ -42,9 +42,9 @@ const LEAST_CONTACT: f64 = 0.5;
 /// How a session answers contact: a name, and its settings.
 type Response = (&'static str, fn(&mut Settings));
 
-/// The axis of responses. Penalties have a stiffness and so belong here several times, with 1, 10 and 100
-/// kN/m; constraints have none. Each response multiplies the number of cases.
-const RESPONSES: [Response; 1] = [("default", |_| ())];
+/// The axis of responses. Penalties have a stiffness and so would belong here several times, with 1, 10 and
+/// 100 kN/m; constraints have none. Each response multiplies the number of cases.
+const RESPONSES: [Response; 1] = [("constraints", |_| ())];
 
 /// Results of the map of scans.
 #[derive(Default)]
@@ -134,11 +134,10 @@ fn open(folder: &Path, (name, scale): &Scan) -> Result<(Object, bool), String> {
 }
 
 impl Parameters<'_> {
-    /// Full resolution by levels of detail; the rest are the defaults.
+    /// The default settings but for the mass.
     fn settings(&self) -> Settings {
         let mut settings = Settings {
             tool: ToolSettings { mass: self.mass, ..ToolSettings::default() },
-            search: SearchSettings { method: ContactSearch::Levels, ..SearchSettings::default() },
             ..Settings::default()
         };
         (self.response.1)(&mut settings);
@@ -162,7 +161,7 @@ fn described(cases: &[Parameters<'_>], found: &[Measured], notes: &[String]) -> 
     let outside =
         |bound: &str| counted.iter().filter(|(_, measured)| measured.outside().contains(&bound)).count();
     let mut paragraphs = vec![format!(
-        "{} pairs of scans, with masses of {} to {} kg and contacts at {} to {} Hz, at full resolution: the hand \
+        "{} pairs of scans, with masses of {} to {} kg and contacts at {} to {} Hz, with constraints: the hand \
          comes down, pauses, and strokes. {within} of {} cases with contact are within the bounds: {} are deeper, {} \
          vibrate in free space, {} at rest, {} in sliding. {} cases touch for less than {LEAST_CONTACT} s and are not \
          counted. The table names each.",
