@@ -26,13 +26,21 @@
 //! inverse would carry the noise of directions in which little is felt. Eigenvalues are those of D^(−½) C
 //! D^(−½), the part of the device's damping that is left.
 //!
-//! # Encoder steps and friction
+//! # Encoder steps and the device's friction
 //!
 //! Without encoder steps the device's friction is left out. With them it has to absorb the rounding of
 //! positions and the lag of the estimates between steps ([`multisine`] moves by several steps), so that it
 //! counts: D is raised by the damping that takes as much energy from the multisines as the friction does, f_c
 //! times the mean speed over the mean square of the speed. The table also has the least eigenvalue without
 //! it.
+//!
+//! # Friction of contacts
+//!
+//! Small motions about rest cannot break contacts loose, so that a state with friction is one that sticks,
+//! and is linear. About a steady sliding the small-signal response says nothing of energy: a force that is μ
+//! times what presses responds to the pressing alone, so that its response is not symmetric and looks active
+//! at low frequencies, but the sliding itself pays for it. Sliding is for the search of [`hands`], which
+//! counts all energy.
 
 mod account;
 mod ball;

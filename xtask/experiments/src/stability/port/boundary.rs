@@ -208,7 +208,7 @@ impl Case {
 
     /// Whether a disturbance of the pressed handle decays: the motion gets smaller, and is smaller than what
     /// a push that falters can cause.
-    fn settles(&self, stiffness: f64, pressed: &BallOnTable) -> Result<bool, String> {
+    pub fn settles(&self, stiffness: f64, pressed: &BallOnTable) -> Result<bool, String> {
         let mut settings = constrained();
         settings.coupling.stiffness = Some(stiffness);
         settings.coupling.damping = Some(self.damping);

@@ -8,8 +8,8 @@ use palpate::device::Handle;
 use super::driven::PERIOD;
 use super::multisine::{C64, Matrix, Response, frequencies};
 
-/// Standard errors that an eigenvalue may be below zero by: thousands are looked at.
-const ERRORS: f64 = 4.0;
+/// Standard errors that count as noise: thousands of eigenvalues are looked at.
+pub const ERRORS: f64 = 4.0;
 /// Harmonics on each side whose variances are averaged: a few samples alone do not tell it.
 const POOLED: usize = 4;
 

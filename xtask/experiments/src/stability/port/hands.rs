@@ -76,9 +76,8 @@ pub fn map(plan: &Plan, section: &mut Section) -> Result<(), String> {
     let beyond = all.iter().filter(|(_, drawn)| !drawn.holds()).count();
     let worst = all[0].1;
     // The same hands with a coupling that is not passive: the search must find it.
-    let stiffness = TOO_STIFF * Emulation::default().handle.damping / (0.5 * PERIOD);
     let controls: Vec<Genes> = (0..of(CONTROLS)).map(|seed| Genes::random(seed as u64)).collect();
-    let control = plan.each("port: control", &controls, |genes| genes.run(&pressed, Some(stiffness)))?;
+    let control = plan.each("port: control", &controls, |genes| genes.run(&pressed, Some(too_stiff())))?;
     let caught = control.iter().filter(|drawn| !drawn.holds()).count();
     section.paragraphs.push(format!(
         "{} hands of random mass, damping and stiffness, on random paths, press a ball on a table in sessions of 0.4 s, \
@@ -135,6 +134,11 @@ pub fn map(plan: &Plan, section: &mut Section) -> Result<(), String> {
         format!("{caught} of {} do", control.len()),
     ));
     Ok(())
+}
+
+/// Stiffness of the coupling of the negative control, N/m.
+pub fn too_stiff() -> f64 {
+    TOO_STIFF * Emulation::default().handle.damping / (0.5 * PERIOD)
 }
 
 /// Number of parameters of a hand with its session.

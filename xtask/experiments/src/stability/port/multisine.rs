@@ -3,7 +3,7 @@
 //! Each of six experiments moves all six axes at once with the sum of the odd harmonics of a period of
 //! [`LENGTH`] steps. The phases are random, and shifted from axis to axis and experiment to experiment by the
 //! columns of the 6 × 6 Fourier matrix, so that at each frequency the six motions are orthogonal (Guillaume,
-//! Pintelon and Schoukens 1996; Dobrowiecki and Schoukens 2007). A period settles, the next one is measured.
+//! Pintelon and Schoukens 1996; Dobrowiecki and Schoukens 2007). Part of a period settles, the next period is measured.
 //! Then all is repeated with other phases. Sessions in lockstep answer the same phases in the same way; what
 //! differs from phases to phases is noise and distortion: contacts that change, encoder steps, queries that
 //! come rarely.
@@ -25,6 +25,8 @@ pub type Matrix = SMatrix<C64, 6, 6>;
 /// Steps of a period: the lowest frequency is that of one period, the highest odd harmonic just below half of
 /// the sampling rate.
 pub const LENGTH: usize = 200;
+/// Steps before them, in which what was before dies away: several queries at 50 Hz.
+const SETTLING: usize = 100;
 /// Frequency above which amplitudes fall in proportion to it, Hz: velocities are then even, as dampers need.
 const CORNER: f64 = 20.0;
 
@@ -62,8 +64,8 @@ pub fn measure(port: &mut dyn Port, about: &Pose, design: &Design, seed: u64) ->
         let mut resisted = moved.clone();
         for experiment in 0..6 {
             let path = path(design, &phases, experiment);
-            let _ = period(port, about, &path);
-            let (motion, wrench) = period(port, about, &path);
+            let _ = follow(port, about, &path[LENGTH - SETTLING..]);
+            let (motion, wrench) = follow(port, about, &path);
             for (line, harmonic) in harmonics().enumerate() {
                 moved[line].set_column(experiment, &spectrum(&motion, harmonic));
                 resisted[line].set_column(experiment, &spectrum(&wrench, harmonic));
@@ -115,8 +117,8 @@ fn path(design: &Design, phases: &[[f64; 6]], experiment: usize) -> Vec<[f64; 6]
     (0..LENGTH).map(sample).collect()
 }
 
-/// Moves the handle over a period. Returns its displacements and the wrenches against them.
-fn period(port: &mut dyn Port, about: &Pose, path: &[[f64; 6]]) -> (Vec<[f64; 6]>, Vec<[f64; 6]>) {
+/// Moves the handle along a path. Returns its displacements and the wrenches against them.
+fn follow(port: &mut dyn Port, about: &Pose, path: &[[f64; 6]]) -> (Vec<[f64; 6]>, Vec<[f64; 6]>) {
     path.iter()
         .map(|&[x, y, z, a, b, c]| {
             let turn = DVec3::new(a, b, c);

@@ -14,6 +14,7 @@ use nalgebra::SMatrix;
 use palpate::Wrench;
 use palpate::dynamics::VirtualCoupling;
 
+use super::certificate::ERRORS;
 use super::driven::PERIOD;
 use super::multisine::{C64, Matrix, Response, frequencies};
 
@@ -25,6 +26,9 @@ pub const HIGHEST: f64 = 30.0;
 pub struct Rendered {
     /// Largest relative deviation of the complex stiffness.
     pub deviation: f64,
+    /// The measurement's largest noise, [`ERRORS`] standard errors, and the largest deviation beyond it.
+    pub noise: f64,
+    pub beyond_noise: f64,
     /// Stiffness at the lowest frequency and damping at the highest one, over those wanted.
     pub stiffness: f64,
     pub damping: f64,
@@ -39,18 +43,26 @@ impl Rendered {
         let direction =
             SMatrix::<C64, 6, 1>::from_iterator([f.x, f.y, f.z, t.x, t.y, t.z].into_iter().map(C64::from));
         let along = |of: &Matrix| (direction.adjoint() * of * direction)[0];
-        let mut result = Self { deviation: 0.0, stiffness: f64::NAN, damping: f64::NAN };
+        let mut result =
+            Self { deviation: 0.0, noise: 0.0, beyond_noise: 0.0, stiffness: f64::NAN, damping: f64::NAN };
         for (frequency, samples) in frequencies().into_iter().zip(&response.samples) {
             if frequency > HIGHEST {
                 break;
             }
-            let mean = samples.iter().sum::<Matrix>() / C64::from(samples.len() as f64);
-            let (rendered, wanted) = (along(&mean), along(&wanted(coupling, lags, frequency)));
-            result.deviation = result.deviation.max((rendered - wanted).norm() / wanted.norm());
+            let wanted = along(&wanted(coupling, lags, frequency));
+            let found: Vec<C64> = samples.iter().map(&along).collect();
+            let count = found.len() as f64;
+            let mean = found.iter().sum::<C64>() / count;
+            let spread = found.iter().map(|found| (found - mean).norm_sqr()).sum::<f64>() / (count - 1.0);
+            let noise = ERRORS * (spread / count).sqrt() / wanted.norm();
+            let deviation = (mean - wanted).norm() / wanted.norm();
+            result.deviation = result.deviation.max(deviation);
+            result.noise = result.noise.max(noise);
+            result.beyond_noise = result.beyond_noise.max(deviation - noise);
             if result.stiffness.is_nan() {
-                result.stiffness = rendered.re / wanted.re;
+                result.stiffness = mean.re / wanted.re;
             }
-            result.damping = rendered.im / wanted.im;
+            result.damping = mean.im / wanted.im;
         }
         result
     }

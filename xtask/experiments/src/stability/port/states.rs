@@ -21,14 +21,14 @@ const PRESS: (f64, f64) = (0.6, 1.2);
 /// longest.
 const ORDER: [usize; 10] = [0, 1, 2, 0, 0, 2, 0, 0, 2, 0];
 /// Time for the way, and for coming to rest after it, s.
-const LONGEST_WAY: f64 = 1.5;
+const LONGEST_WAY: f64 = 3.0;
 const SETTLING: f64 = 0.4;
 
 /// Two objects that come into contact.
 pub struct Scenery {
     pub name: &'static str,
-    held: Object,
-    scene: Scene,
+    pub held: Object,
+    pub scene: Scene,
 }
 
 /// A state of contact of a scenery, by the way that leads there.
@@ -36,11 +36,11 @@ pub struct Scenery {
 pub struct State {
     pub scenery: usize,
     /// Pose of the held mesh at the start.
-    start: Pose,
+    pub start: Pose,
     /// Direction of the handle's motion, with the turn times [`ARM`].
-    way: (DVec3, DVec3),
+    pub way: (DVec3, DVec3),
     /// Wrench that ends the way, N.
-    press: f64,
+    pub press: f64,
 }
 
 /// What the hand feels at a state with the handle at rest.
@@ -90,7 +90,10 @@ pub fn sceneries(plan: &Plan) -> Result<Vec<Scenery>, String> {
         let mesh = |name, mesh| Object::from_mesh(name, &mesh).map_err(|error| error.to_string());
         let (held, fixed) = match name {
             "jaws" => (model("upper-jaw@4000")?, model("lower-jaw@4000")?),
-            "nut" => (model("nut")?, model("bolt")?),
+            "nut" => {
+                let [bolt, nut] = assembly::bolt_and_nut(&MetricThread::M16)?;
+                (nut.object, bolt.object)
+            }
             _ => {
                 let fit = PegFit::LOOSE_8_MM;
                 let fail = |error: palpate::models::ModelError| error.to_string();

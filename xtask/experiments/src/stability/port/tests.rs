@@ -1,14 +1,18 @@
 //! Tests of the judging against theory, and of its negative controls.
 
 use palpate::device::Emulation;
+use palpate::glam::DVec3;
+use palpate::{Pose, Wrench};
 
 use super::super::conditions::SampledWall;
+use super::ball::BallOnTable;
 use super::boundary::Case;
 use super::certificate::{Certificate, left};
 use super::driven::{PERIOD, Port};
+use super::hands::{self, Genes};
 use super::multisine::{self, C64, Design, Matrix};
-use palpate::glam::DVec3;
-use palpate::{Pose, Wrench};
+use super::passivity::measure;
+use super::states::{Conditions, Scenery, State};
 
 /// A spring along x, y and z, and about them.
 struct Spring(f64, f64);
@@ -84,4 +88,42 @@ fn the_exact_limit_is_that_of_theory() {
         let found = case.limit();
         assert!((found / theory - 1.0).abs() < 0.15, "delay {delay}: {found} of {theory}");
     }
+}
+
+/// A pressed ball is felt as the coupling and leaves the port passive; where the session is not told of the
+/// device's delay, the same measurement finds that the port is not.
+#[test]
+fn a_pressed_ball_is_passive_with_the_delay_that_the_session_is_told() {
+    let BallOnTable { ball, scene } = BallOnTable::new().unwrap();
+    let scenery = [Scenery { name: "ball", held: ball, scene }];
+    let start = BallOnTable::above(1e-4);
+    let state = State { scenery: 0, start, way: (DVec3::NEG_Z, DVec3::ZERO), press: 0.5 };
+    let delay = 5e-3;
+    for (told_delay, passive) in [(delay, true), (0.0, false)] {
+        let at = Conditions { delay, told_delay, encoders: false, rate: 100.0, friction: 0.0 };
+        let found = measure(&state, &scenery, &at).unwrap().expect("the ball touches the table");
+        assert_eq!(found.certificate.holds(), passive, "told {told_delay} s: {found:?}");
+        assert!(found.certificate.largest_noise < 0.1, "{found:?}");
+        assert!(found.rendered.deviation < 0.05, "{found:?}");
+    }
+}
+
+#[test]
+fn a_session_is_stable_up_to_the_exact_limit() {
+    let pressed = BallOnTable::new().unwrap();
+    let case = Case { mass: 0.075, device_damping: 1.0, damping: 5.0, delay: 1e-3 };
+    for (share, settles) in [(0.95, true), (1.05, false)] {
+        assert_eq!(case.settles(share * case.limit(), &pressed), Ok(settles), "{share} of the limit");
+    }
+}
+
+#[test]
+fn hands_draw_energy_from_a_coupling_that_is_too_stiff_alone() {
+    let pressed = BallOnTable::new().unwrap();
+    let drawn = |stiffness| {
+        let hold = (0..10).filter(|&seed| Genes::random(seed).run(&pressed, stiffness).unwrap().holds());
+        10 - hold.count()
+    };
+    assert_eq!(drawn(None), 0);
+    assert!(drawn(Some(hands::too_stiff())) > 0);
 }
