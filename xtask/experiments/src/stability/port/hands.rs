@@ -30,8 +30,8 @@ use super::driven::{PERIOD, constrained};
 /// Numbers of hands drawn at random, of those that climb, and of the steps that they climb, in full and
 /// quick.
 const HANDS: (usize, usize) = (10_000, 60);
-const CLIMBERS: (usize, usize) = (16, 2);
-const CLIMBS: (usize, usize) = (25, 3);
+const CLIMBERS: (usize, usize) = (20, 2);
+const CLIMBS: (usize, usize) = (50, 3);
 /// Number of hands of the negative control, and the stiffness of its coupling over that which is passive.
 const CONTROLS: (usize, usize) = (200, 40);
 const TOO_STIFF: f64 = 4.0;
@@ -167,9 +167,9 @@ impl Drawn {
         self.least >= -self.tolerance
     }
 
-    /// How near the hand came to drawing energy.
+    /// How near the hand came to drawing energy: more than 1 if it did.
     pub fn nearness(&self) -> f64 {
-        (-self.least / self.tolerance).max(-self.share)
+        if self.holds() { -self.share } else { -self.least / self.tolerance }
     }
 }
 
