@@ -36,11 +36,11 @@
 //!
 //! # Friction of contacts
 //!
-//! Small motions about rest cannot break contacts loose, so that a state with friction is one that sticks,
-//! and is linear. About a steady sliding the small-signal response says nothing of energy: a force that is μ
-//! times what presses responds to the pressing alone, so that its response is not symmetric and looks active
-//! at low frequencies, but the sliding itself pays for it. Sliding is for the search of [`hands`], which
-//! counts all energy.
+//! Small motions about rest leave most contacts stuck, so that a state with friction is nearly linear, and
+//! what slips is counted as noise. About a steady sliding the small-signal response says nothing of energy: a
+//! force that is μ times what presses responds to the pressing alone, so that its response is not symmetric
+//! and looks active at low frequencies, but the sliding itself pays for it. Sliding is for the search of
+//! [`hands`], which counts all energy.
 
 mod account;
 mod ball;

@@ -3,10 +3,10 @@
 //! Each of six experiments moves all six axes at once with the sum of the odd harmonics of a period of
 //! [`LENGTH`] steps. The phases are random, and shifted from axis to axis and experiment to experiment by the
 //! columns of the 6 × 6 Fourier matrix, so that at each frequency the six motions are orthogonal (Guillaume,
-//! Pintelon and Schoukens 1996; Dobrowiecki and Schoukens 2007). Part of a period settles, the next period is measured.
-//! Then all is repeated with other phases. Sessions in lockstep answer the same phases in the same way; what
-//! differs from phases to phases is noise and distortion: contacts that change, encoder steps, queries that
-//! come rarely.
+//! Pintelon and Schoukens 1996; Dobrowiecki and Schoukens 2007). Part of a period settles, the next period is
+//! measured. Then all is repeated with other phases. Sessions in lockstep answer the same phases in the same
+//! way; what differs from phases to phases is noise and distortion: contacts that change, encoder steps,
+//! queries that come rarely.
 
 use std::f64::consts::TAU;
 

@@ -24,7 +24,7 @@ const FRICTION: f64 = 0.3;
 const UNTOLD: f64 = 5e-3;
 /// Largest change of the force from step to step while the handle is at rest, N.
 const MAX_RESTLESS: f64 = 0.01;
-/// Noise above which a state is not judged passive, in units of the device's damping.
+/// Noise above which a state cannot be told to be passive, in units of the device's damping.
 const MAX_NOISE: f64 = 0.5;
 /// Largest deviation of what is rendered from what is wanted.
 const MAX_RENDERED: f64 = 0.05;
@@ -74,7 +74,7 @@ pub fn map(plan: &Plan, section: &mut Section) -> Result<(), String> {
     section.paragraphs.push(format!(
         "A session is driven into {} states of contact of the jaws, of a nut on a bolt and of a peg in a hole, with contacts \
          as constraints, delays of 0 to 5 ms, encoder steps or none, contacts at 50 to 1,000 Hz, and friction of {FRICTION} in \
-         every third state, where contacts stick. There the handle is moved along and about all axes by small multisines, and \
+         every third state, where most contacts stick. There the handle is moved along and about all axes by small multisines, and \
          the response of the wrench measured up to half the sampling rate. The least eigenvalue is the part of the device's \
          damping that is left in the worst direction: 1 where the session needs none, and negative where a hand can draw \
          energy. The noise is four standard errors, from the differences between {SETS} sets of phases.",
@@ -205,7 +205,9 @@ fn verdicts(cases: &[Case], measured: &[Option<Measured>]) -> Vec<Verdict> {
             format!("by more at {}, by at most {most:.3} N", listed(&restless, found.len())),
         ),
     ];
-    for (encoders, steps) in [(false, "without encoder steps"), (true, "with encoder steps and friction")] {
+    for (encoders, steps) in
+        [(false, "without encoder steps"), (true, "with encoder steps and the device's friction")]
+    {
         let of: Vec<(&Case, &Measured)> =
             found.iter().filter(|(case, _)| case.at.encoders == encoders).copied().collect();
         verdicts.extend(passive(&of, steps));
@@ -250,9 +252,8 @@ fn passive(of: &[(&Case, &Measured)], steps: &str) -> [Verdict; 2] {
 /// Whether what is felt is the coupling, and whether that can be told.
 fn felt(of: &[(&Case, &Measured)], steps: &str) -> [Verdict; 2] {
     let off = names(of, |found| found.rendered.beyond_noise > MAX_RENDERED);
-    let noisy = names(of, |found| {
-        found.rendered.beyond_noise <= MAX_RENDERED && found.rendered.deviation > MAX_RENDERED
-    });
+    let noisy =
+        names(of, |found| found.rendered.beyond_noise <= MAX_RENDERED && found.rendered.noise > MAX_RENDERED);
     let most = of.iter().fold(0.0, |most: f64, (_, found)| most.max(found.rendered.deviation));
     let percent = 100.0 * MAX_RENDERED;
     let highest = rendered::HIGHEST;
@@ -266,9 +267,9 @@ fn felt(of: &[(&Case, &Measured)], steps: &str) -> [Verdict; 2] {
             format!("off are {}; the largest deviation is {:.1} %", listed(&off, of.len()), 100.0 * most),
         ),
         Verdict::new(
-            format!("{steps}, that can be told at every state: none is off by more than {percent:.0} %"),
+            format!("{steps}, that can be told at every state: the noise is at most {percent:.0} %, too"),
             noisy.is_empty(),
-            format!("too noisy to tell are {}", listed(&noisy, of.len())),
+            format!("too noisy are {}", listed(&noisy, of.len())),
         ),
     ]
 }
