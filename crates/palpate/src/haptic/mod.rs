@@ -158,6 +158,12 @@ impl<T: Tool> HapticLoop<T> {
         self.tool.coupling()
     }
 
+    /// Lags of the device's velocity and angular velocity that the coupling's dampers act on, s; 0 where the
+    /// device's own velocity is used.
+    pub fn velocity_lags(&self) -> (f64, f64) {
+        self.tracking.lags()
+    }
+
     /// The [grasp](crate::settings::ToolSettings::grasp) that the coupling holds the tool at, in the first
     /// mesh's frame.
     pub fn grasp(&self) -> &Pose {

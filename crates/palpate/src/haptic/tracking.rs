@@ -137,6 +137,11 @@ impl Tracking {
         self.estimated = self.estimate();
     }
 
+    /// Lags of velocity and angular velocity, s; 0 where the device's own is taken.
+    pub fn lags(&self) -> (f64, f64) {
+        self.lags
+    }
+
     /// The last good state, its twist zero while it is held.
     pub fn state(&self) -> &DeviceState {
         &self.state

@@ -19,6 +19,7 @@ pub mod meshes;
 mod metered;
 pub mod page;
 mod peg;
+mod port;
 mod pressing;
 mod rate;
 mod rig;
@@ -70,11 +71,12 @@ enum Name {
     Insertion,
     Nut,
     Locking,
+    Port,
     Session,
 }
 
 impl Name {
-    const MAPS: [Self; 14] = [
+    const MAPS: [Self; 15] = [
         Self::ZWidth,
         Self::Limits,
         Self::Body,
@@ -88,6 +90,7 @@ impl Name {
         Self::Insertion,
         Self::Nut,
         Self::Locking,
+        Self::Port,
         Self::Session,
     ];
 
@@ -106,6 +109,7 @@ impl Name {
             Self::Insertion => assembly::insertion::map(plan),
             Self::Nut => assembly::nut::map(plan),
             Self::Locking => assembly::locking::map(plan),
+            Self::Port => port::map(plan),
             Self::Session => session::map(plan),
             Self::All => Err("all is not a map".to_owned()),
         }

@@ -55,8 +55,8 @@ impl Response {
 
 /// A part with its mesh, for judging.
 #[derive(Clone)]
-struct Part {
-    object: Object,
+pub struct Part {
+    pub object: Object,
     mesh: TriMesh,
 }
 
@@ -73,7 +73,7 @@ impl Part {
 }
 
 /// Bolt and nut with a thread, fine enough that their polygons are off by less than 10 µm.
-fn bolt_and_nut(thread: &MetricThread) -> Result<[Part; 2], String> {
+pub fn bolt_and_nut(thread: &MetricThread) -> Result<[Part; 2], String> {
     let bolt = thread.bolt(BOLT_TRIANGLES).map_err(|error| error.to_string())?;
     let nut = thread.nut(NUT_TRIANGLES).map_err(|error| error.to_string())?;
     Ok([Part::new("bolt", bolt)?, Part::new("nut", nut)?])
