@@ -14,9 +14,9 @@
 //!
 //! # Overlap
 //!
-//! A contact that is found with an overlap (g < 0) asks for an outward velocity of at most the recovery
-//! velocity, however deep it is. Pushing it out by its depth in one step, or by a
-//! spring, would give the body energy that the hand did not put in.
+//! A contact that is found with an overlap (g < 0) asks for an outward velocity with which the overlap fades
+//! in about 5 ms, and of at most the recovery velocity, however deep it is. Pushing it out by its depth in
+//! one step, or by a spring, would give the body energy that the hand did not put in.
 //!
 //! # Bound on motion
 //!

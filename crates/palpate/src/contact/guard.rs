@@ -38,10 +38,10 @@ const MAX_CELLS: usize = 2 * MAX_POINTS;
 /// The same for points that near.
 const MAX_NEAR_CELLS: usize = 3 * MAX_NEAR;
 
-/// Largest distance of a point over that of a sample in its cell, in edges of cells, with which it goes on
-/// from the last query. With less, points are searched anew that do not have to be; with more, they miss
+/// Largest distance of a point over that of a start in its cell, in edges of the smallest cells, with which
+/// it goes on from the last query. With less, points are searched anew that do not have to be; with more, they miss
 /// surfaces that have come nearer.
-const MAX_LATER: f32 = 0.1;
+const MAX_LATER: f64 = 0.02;
 
 /// Points that there is room for from the start.
 const RESERVED: usize = 2048;
@@ -180,10 +180,14 @@ impl Guard {
     /// larger until there is room. Returns the distance of the nearest point for which there is none, m, and
     /// the number of these.
     pub fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, limits: &Limits) -> (f64, usize) {
-        // Bodies move little between queries. Cells are halved again where their points are sure to fit.
+        // Bodies move little between queries: about as many cells as then come out as the same point. Cells
+        // are halved again where their points should fit.
+        let same = self.points.len() as f64 / self.cells.len().max(1) as f64;
+        let fit = |cells: usize, most: usize| cells as f64 * same <= most as f64;
         while self.doublings > 0 {
             self.choose((limits.edge * f64::from(1 << (self.doublings - 1))) as f32);
-            if self.cells.len() > MAX_POINTS || self.near_cells(limits.near) > MAX_NEAR {
+            let fits = fit(self.cells.len(), MAX_POINTS) && fit(self.near_cells(limits.near), MAX_NEAR);
+            if !fits || self.are_too_many(limits.near) {
                 break;
             }
             self.doublings -= 1;
@@ -193,7 +197,7 @@ impl Guard {
             self.choose(edge as f32);
             let is_last = self.doublings == MAX_DOUBLINGS;
             if is_last || !self.are_too_many(limits.near) {
-                self.make(geometry, mesh, limits.reach, edge);
+                self.make(geometry, mesh, limits, edge);
                 let near = self.points.iter().filter(|point| f64::from(point.slack) < limits.near).count();
                 if is_last || (self.points.len() <= MAX_POINTS && near <= MAX_NEAR) {
                     break;
@@ -229,8 +233,8 @@ impl Guard {
         }
     }
 
-    /// Makes the points of the chosen starts within a reach (m), the nearest first.
-    fn make(&mut self, geometry: &ContactGeometry, mesh: &Pose, reach: f64, edge: f64) {
+    /// Makes the points of the chosen starts within reach, in cells with an edge (m), the nearest first.
+    fn make(&mut self, geometry: &ContactGeometry, mesh: &Pose, limits: &Limits, edge: f64) {
         self.points.clear();
         self.chosen.clear();
         self.chosen.extend(self.cells.values());
@@ -239,7 +243,7 @@ impl Guard {
         let distance = |index: u32| starts[index as usize].distance;
         chosen.sort_unstable_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)));
         let frames: ArrayVec<Frames<'_>, MAX_OBJECTS> = geometry.frames(mesh);
-        let later = f64::from(MAX_LATER) * edge;
+        let later = MAX_LATER * limits.edge;
         for &index in chosen.iter() {
             let start = starts[index as usize];
             let Start { on, is_probe, leash, object, .. } = start;
@@ -255,7 +259,7 @@ impl Guard {
             let point = before
                 .filter(|point| f64::from(point.slack) < f64::from(start.distance) + later)
                 .unwrap_or_else(|| GuardedPoint::new(within, is_probe, object, frames));
-            if f64::from(point.slack) < reach {
+            if f64::from(point.slack) < limits.reach {
                 points.push(point);
                 known.next.insert(key, point);
             }

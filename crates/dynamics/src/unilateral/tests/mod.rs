@@ -115,9 +115,10 @@ fn random_contacts(rng: &mut StdRng, most: usize, friction: f64) -> Vec<Unilater
     (0..rng.random_range(1..=most)).map(|_| random(rng)).collect()
 }
 
-/// What a contact's velocity should be: its largest approach, m/s.
+/// What a contact's velocity should be: its largest approach, m/s. An overlap fades in 5 ms.
 fn limit(contact: &UnilateralContact, recovery: f64) -> f64 {
-    contact.normal.dot(contact.velocity) + (contact.gap / DT).max(-recovery)
+    let time = if contact.gap < 0.0 { 5e-3 } else { DT };
+    contact.normal.dot(contact.velocity) + (contact.gap / time).max(-recovery)
 }
 
 fn recovery(coupling: &VirtualCoupling) -> f64 {

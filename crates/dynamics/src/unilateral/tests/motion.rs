@@ -111,6 +111,9 @@ fn an_overlap_gives_the_recovery_velocity_and_no_more() {
             assert!(energy <= 0.5 * mass * wanted * wanted * (1.0 + 1e-9), "{overlap} m: {energy} J");
         }
     }
+    // A small overlap fades in 5 ms.
+    let (speed, _) = recovered(1e-5, 1.0);
+    assert!((speed / 2e-3 - 1.0).abs() < 0.01, "{speed} m/s");
     // A spring gives more.
     let mut rig = Rig::free();
     let parameters =
