@@ -5,7 +5,6 @@ use std::error::Error;
 use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
-use palpate::{Pose, TriMesh};
 use palpate_clod_build::{BuildOptions, build, unwatched};
 use palpate_models::{MetricThread, Model};
 use palpate_report::raster::{Camera, Item, Shading, View};
@@ -84,33 +83,20 @@ pub fn levels_of_lower_jaw() -> Result<Picture, Box<dyn Error>> {
     Ok(pictures.sheet(&drawn))
 }
 
-/// Draws a nut on its bolt and a peg that is put into its hole aslant, both cut open.
+/// Draws a nut on its bolt, and a peg that is put into its hole aslant.
 pub fn assemblies() -> Result<[(&'static str, Picture); 2], Box<dyn Error>> {
+    let [bolt, nut, peg, hole] = [Model::Bolt, Model::Nut, Model::Peg, Model::Hole]
+        .map(|model| model.generate(model.default_triangles()));
+    let (bolt, nut, peg, hole) = (bolt?, nut?, peg?, hole?);
     let thread = MetricThread::M16;
     let turns = 0.5 * thread.bolt_length() / thread.pitch;
-    let nut_pose = Pose::new(DVec3::Z * turns * thread.pitch, DQuat::from_rotation_z(TAU * turns));
-    let [bolt, nut] = [Model::Bolt, Model::Nut].map(|model| model.generate(model.default_triangles()));
-    let nut = opened(&nut?, &nut_pose)?;
-    let screwed = picture(&[Item::new(&bolt?, STEEL), Item::new(&nut, BRASS)], -60.0);
-
-    let tilted = Pose::new(DVec3::Z * -4e-3, DQuat::from_rotation_x(PEG_TILT.to_radians()));
-    let [peg, hole] = [Model::Peg, Model::Hole].map(|model| model.generate(model.default_triangles()));
-    let (peg, hole) = (peg?, opened(&hole?, &Pose::IDENTITY)?);
-    let Pose { translation, rotation } = tilted;
+    let (rotation, translation) = (DQuat::from_rotation_z(TAU * turns), DVec3::Z * turns * thread.pitch);
+    let screwed =
+        picture(&[Item::new(&bolt, STEEL), Item { rotation, translation, ..Item::new(&nut, BRASS) }], -60.0);
+    let (rotation, translation) = (DQuat::from_rotation_x(PEG_TILT.to_radians()), DVec3::Z * -4e-3);
     let inserted =
         picture(&[Item { rotation, translation, ..Item::new(&peg, BRASS) }, Item::new(&hole, STEEL)], -60.0);
     Ok([("nut-on-bolt", screwed), ("peg-in-hole", inserted)])
-}
-
-/// A mesh at a pose, without the quarter that faces the viewer.
-fn opened(mesh: &TriMesh, pose: &Pose) -> Result<TriMesh, Box<dyn Error>> {
-    let vertices: Vec<DVec3> = mesh.vertices().iter().map(|vertex| pose.transform_point(*vertex)).collect();
-    let is_hidden = |corners: &[u32; 3]| {
-        let middle = corners.iter().map(|corner| vertices[*corner as usize]).sum::<DVec3>() / 3.0;
-        middle.x > 0.0 && middle.y < 0.0
-    };
-    let kept = mesh.triangles().iter().filter(|corners| !is_hidden(corners)).copied().collect();
-    Ok(TriMesh::new(vertices, kept)?)
 }
 
 /// Items seen from an azimuth (degrees), from a little above.
