@@ -24,10 +24,19 @@ use palpate::core::mesh::UvMesh;
 use palpate::glam::{DVec2, DVec3};
 use palpate::mesh_io::{LoadOptions, load};
 use palpate::models::Model;
+use palpate::settings::{ContactSettings, Response};
 use palpate::texture_pd::{HeightImage, Wrap};
-use palpate::{Object, OpenOptions, Pose, TriMesh};
+use palpate::{Object, OpenOptions, Pose, Settings, TriMesh};
 
 pub use free_body::FreeBody;
+
+/// The default settings, with penalty contacts.
+pub fn penalties() -> Settings {
+    Settings {
+        contact: ContactSettings { response: Response::Penalty, ..ContactSettings::default() },
+        ..Settings::default()
+    }
+}
 
 /// Returns the path of a file of the optional test data, in `shared` beside the repository. If it is absent,
 /// prints that the test is skipped and returns `None`.

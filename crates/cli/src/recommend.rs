@@ -5,7 +5,7 @@ use std::fmt::Display;
 
 use palpate::device::{Interpolation, MotionPath};
 use palpate::errors::RendererError;
-use palpate::settings::{ContactSearch, ContactSettings};
+use palpate::settings::ContactSearch;
 use palpate::{Pose, Scene, Settings};
 use palpate_measure::{Choice, Hand, Measured, Recommendation, Request};
 use serde::Serialize;
@@ -46,12 +46,7 @@ pub fn run(arguments: &RecommendArguments) -> Result<(), Failure> {
     let probe = textures::open(&arguments.probe, &arguments.textures.of_probe(), &reading.of_probe())?;
     let object = textures::open(&arguments.scene, &arguments.textures.of_scene(), &reading.of_scene())?;
     let scene = Scene::new().with(object, Pose::IDENTITY);
-    // Constraints have one resolution, and nothing to choose.
-    let penalties = Settings {
-        contact: ContactSettings::penalties(ContactSettings::default().stiffness),
-        ..Settings::default()
-    };
-    let settings = arguments.textures.applied_to(penalties);
+    let settings = arguments.textures.applied_to(Settings::default());
     let settings = arguments.physics.applied_to(settings, probe.bounding_radius());
     settings.check().map_err(RendererError::from)?;
     let period = 1.0 / settings.timing.rate;

@@ -81,8 +81,8 @@ impl FieldBody {
     }
 
     /// A lower bound on the distance between this body and another at a relative pose (m), from spheres
-    /// around parts of this one's surface; at most `enough` (m), and 0 if the surfaces may touch. Bounds below
-    /// `least` (m) are not as large as they could be.
+    /// around parts of this one's surface; at most `enough` (m), and 0 if the surfaces may touch. Bounds
+    /// below `least` (m) are not as large as they could be.
     pub fn clearance(&self, other: &Self, to_other: &Pose, (least, enough): (f64, f64)) -> f64 {
         // The surface between two of the finest samples is less than their spacing from one of them.
         let gap = (f64::from(self.samples.area)).sqrt() * MAX_GAP;

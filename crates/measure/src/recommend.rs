@@ -13,7 +13,7 @@
 use palpate::device::{IntendedPath, MotionPath, Task};
 use palpate::dynamics::IntegratorKind;
 use palpate::representative::FINEST_ERROR;
-use palpate::settings::{ContactSearch, DetailSettings, SearchSettings};
+use palpate::settings::{ContactSearch, ContactSettings, DetailSettings, Response, SearchSettings};
 use palpate::{Object, Scene, Settings, explore};
 use serde::Serialize;
 
@@ -144,9 +144,10 @@ pub struct Recommendation {
 }
 
 impl Choice {
-    /// Returns settings with this choice.
+    /// Returns settings with this choice, for penalty contacts: constraints have one resolution.
     pub fn applied_to(&self, settings: &Settings) -> Settings {
         let mut chosen = Settings {
+            contact: ContactSettings { response: Response::Penalty, ..settings.contact },
             search: SearchSettings { method: self.search, ..settings.search },
             detail: DetailSettings {
                 error: self.error,

@@ -4,9 +4,10 @@ use palpate::Settings;
 use serde_json::Value;
 
 /// Unit of each setting, by its group and field. Empty for numbers without a unit.
-const UNITS: [(&str, &str); 34] = [
+const UNITS: [(&str, &str); 35] = [
     ("timing.rate", "Hz"),
     ("tool.mass", "kg"),
+    ("contact.response", ""),
     ("contact.stiffness", "N/m"),
     ("contact.damping", "N·s/m"),
     ("contact.friction", ""),

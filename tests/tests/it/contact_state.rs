@@ -11,7 +11,7 @@ use palpate::settings::{
     ContactSettings, CouplingSettings, DetailSettings, DeviceSettings, SearchSettings, ToolSettings,
 };
 use palpate::{HapticRenderer, Object, Pose, Scene, Settings};
-use palpate_tests::{first_touch, model, smooth};
+use palpate_tests::{first_touch, model, penalties, smooth};
 
 const STEP: f64 = 1e-3;
 
@@ -117,14 +117,14 @@ fn spoon_in_cup_is_shallow_and_at_rest() {
         for rate in [1000.0, 500.0, 200.0] {
             let settings = Settings {
                 tool: ToolSettings { mass, ..ToolSettings::default() },
-                contact: ContactSettings { stiffness: contact_stiffness, ..ContactSettings::default() },
+                contact: ContactSettings { stiffness: contact_stiffness, ..penalties().contact },
                 coupling: CouplingSettings {
                     stiffness: Some(200.0),
                     angular_stiffness: Some(0.6),
                     ..CouplingSettings::default()
                 },
                 search: SearchSettings { tolerance: Some(1e-4), ..SearchSettings::default() },
-                ..Settings::default()
+                ..penalties()
             };
             let seen = render(&spoon, &cup, settings, &task, rate, false);
             let context = format!("{mass} kg, {contact_stiffness} N/m, {rate} Hz: {seen:?}");
@@ -142,12 +142,12 @@ fn jaws_stay_in_place_at_slow_contact_rates_by_the_linearised_model_alone() {
     let (upper, lower) = (model("upper-jaw@5000"), model("lower-jaw@5000"));
     let settings = Settings {
         tool: ToolSettings { mass: 0.01, ..ToolSettings::default() },
-        contact: ContactSettings { stiffness: 5e3, ..ContactSettings::default() },
+        contact: ContactSettings { stiffness: 5e3, ..penalties().contact },
         coupling: CouplingSettings { stiffness: Some(500.0), ..CouplingSettings::default() },
         device: DeviceSettings { workspace_scale: 0.4, ..DeviceSettings::default() },
         detail: DetailSettings { error: 0.004 * upper.bounding_radius(), ..DetailSettings::default() },
         search: SearchSettings { clusters: 16, ..SearchSettings::default() },
-        ..Settings::default()
+        ..penalties()
     };
     let task = Task { press: 3e-3, rub: 1e-3, twist: 0.0, frequency: 1.0 };
     for (rate, depth, wander) in [(500.0, 1e-4, 5e-5), (50.0, 1e-3, 1e-3)] {
@@ -176,7 +176,7 @@ fn objects_with_facets_come_to_rest() {
                 tool: ToolSettings { mass, ..ToolSettings::default() },
                 search: SearchSettings { tolerance: Some(tolerance), ..SearchSettings::default() },
                 coupling: CouplingSettings { stiffness: Some(500.0), ..CouplingSettings::default() },
-                ..Settings::default()
+                ..penalties()
             };
             let Seen { force, unrest, .. } = render(&probe, &scene, settings, &task, 500.0, false);
             let context =

@@ -8,7 +8,7 @@ use palpate::device::{EmulatedHand, IntendedPath};
 use palpate::glam::DVec3;
 use palpate::settings::CouplingSettings;
 use palpate::{ContactTiming, HapticRenderer, Pose, Scene, Settings, Twist};
-use palpate_tests::{first_touch, model, smooth};
+use palpate_tests::{first_touch, model, penalties, smooth};
 
 const SECONDS: f64 = 3.0;
 /// Intended depth behind the surface at the end, m.
@@ -48,7 +48,7 @@ fn a_device_with_delay_is_stable_with_the_coupling_chosen_for_it() {
     for delay in ["0", "1e-3", "2e-3", "5e-3"] {
         let address =
             format!("emulated:premium-1.5,delay={delay},hand=none,hand.stiffness=100,handle.friction=0");
-        let (swing, mean) = press(&address, Settings::default());
+        let (swing, mean) = press(&address, penalties());
         assert!(swing < 0.05 && mean > 0.1, "{delay} s: {swing} N about {mean} N");
     }
 }
@@ -57,7 +57,7 @@ fn a_device_with_delay_is_stable_with_the_coupling_chosen_for_it() {
 fn the_coupling_of_a_device_without_delay_oscillates_on_one_with_delay() {
     let early = Settings {
         coupling: CouplingSettings { stiffness: Some(400.0), ..CouplingSettings::default() },
-        ..Settings::default()
+        ..penalties()
     };
     let (swing, mean) =
         press("emulated:premium-1.5,delay=5e-3,hand=none,hand.stiffness=100,handle.friction=0", early);

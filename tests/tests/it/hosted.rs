@@ -1,8 +1,8 @@
 //! Sessions whose haptic loop and device belong to the host.
 
 use palpate::device::{Emulation, HapticDevice as _, Task};
-use palpate::{HostedSession, Object, Pose, Scene, SceneId, Settings, Wrench, explore};
-use palpate_tests::model;
+use palpate::{HostedSession, Object, Pose, Scene, SceneId, Wrench, explore};
+use palpate_tests::{model, penalties};
 
 fn scene() -> (Object, Scene) {
     let [probe, ball] = ["ellipsoid@500", "golf-ball@5000"].map(model);
@@ -17,8 +17,7 @@ fn a_host_steps_its_own_loop() {
     let mut device = Emulation::default().open(path).expect("an emulated device");
     let state = device.read(0.0).expect("a reading");
     let specification = device.specification().clone();
-    let mut session =
-        HostedSession::new(probe, scene, specification, state, Settings::default()).expect("a session");
+    let mut session = HostedSession::new(probe, scene, specification, state, penalties()).expect("a session");
     assert!(session.latest().is_none());
     let (mut most, mut allocated) = (0.0_f64, 0);
     for step in 1..=3000 {
@@ -52,7 +51,7 @@ fn the_parts_of_a_hosted_session_go_to_other_threads() {
     let mut device = Emulation::default().open(path).expect("an emulated device");
     let state = device.read(0.0).expect("a reading");
     let specification = device.specification().clone();
-    let hosted = HostedSession::new(probe, scene, specification, state, Settings::default());
+    let hosted = HostedSession::new(probe, scene, specification, state, penalties());
     let HostedSession { mut stepper, mut scene, mut contacts, .. } = hosted.expect("a session");
     let haptic = std::thread::spawn(move || {
         let (mut touched, mut parted) = (false, false);

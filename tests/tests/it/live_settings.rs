@@ -11,7 +11,7 @@ use palpate::settings::{
 use palpate::{
     ContactLoop, HapticLoop, HapticRenderer, Object, Pose, Scene, Settings, SettingsEditor, Twist,
 };
-use palpate_tests::model;
+use palpate_tests::{model, penalties};
 
 const PERIOD: f64 = 1e-3;
 
@@ -72,10 +72,8 @@ fn below(probe: &Object, object: &Object) -> Pose {
 #[test]
 fn gains_blend_smoothly() {
     // Without a proxy or friction, the state at rest does not depend on the history.
-    let soft = Settings {
-        search: SearchSettings { proxy: false, ..SearchSettings::default() },
-        ..Settings::default()
-    };
+    let soft =
+        Settings { search: SearchSettings { proxy: false, ..SearchSettings::default() }, ..penalties() };
     let stiff = Settings {
         contact: ContactSettings { stiffness: 6000.0, damping: Some(40.0), ..soft.contact },
         coupling: CouplingSettings { stiffness: Some(1000.0), angular_stiffness: Some(1.0), ..soft.coupling },
@@ -106,7 +104,7 @@ fn gains_blend_smoothly() {
 fn detail_blends_smoothly() {
     let fine = Settings {
         search: SearchSettings { method: ContactSearch::Levels, proxy: false, ..SearchSettings::default() },
-        ..Settings::default()
+        ..penalties()
     };
     let coarse = Settings { detail: DetailSettings { error: 2e-4, ..fine.detail }, ..fine };
     for (from, to) in [(fine, coarse), (coarse, fine)] {
@@ -131,7 +129,7 @@ fn detail_blends_smoothly() {
 fn fixed_settings_are_refused() {
     let mut rig = Rig::new(Settings {
         search: SearchSettings { method: ContactSearch::Representatives, ..SearchSettings::default() },
-        ..Settings::default()
+        ..penalties()
     });
     let made = rig.settings.settings();
     // Contacts found in fields have no detail to leave out.

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use palpate::settings::{CouplingSettings, SearchSettings, TimingSettings, ToolSettings};
 use palpate::{ContactTiming, HapticRenderer, Pose, Record, RecordWriter, Scene, Session, Settings, explore};
-use palpate_tests::model;
+use palpate_tests::{model, penalties};
 
 /// Runs a session of an ellipsoid that explores a coarse golf ball.
 fn explore_golf_ball(seconds: f64, settings: Settings) -> (Vec<Record>, Session) {
@@ -36,15 +36,15 @@ fn csv(records: &[Record]) -> Vec<u8> {
 
 #[test]
 fn two_runs_give_the_same_bytes() {
-    let (first, _) = explore_golf_ball(4.0, Settings::default());
-    let (second, _) = explore_golf_ball(4.0, Settings::default());
+    let (first, _) = explore_golf_ball(4.0, penalties());
+    let (second, _) = explore_golf_ball(4.0, penalties());
     assert_eq!(first.len(), 4000);
     assert!(csv(&first) == csv(&second), "two lockstep recordings differ");
 }
 
 #[test]
 fn touching_is_felt_and_bounded() {
-    let (records, session) = explore_golf_ball(10.0, Settings::default());
+    let (records, session) = explore_golf_ball(10.0, penalties());
     let summary = session.summary();
     let radius = model("ellipsoid@2000").bounding_radius();
     assert_eq!(summary.haptic.steps, 10_000);
@@ -81,7 +81,7 @@ fn free_space_is_quiet() {
     let probe = model("ellipsoid@2000");
     let scene = Scene::new();
     let device = explore::open_device("emulated", &probe, &scene).expect("emulated device");
-    let renderer = HapticRenderer::new(probe, scene, device, Settings::default()).expect("renderer");
+    let renderer = HapticRenderer::new(probe, scene, device, penalties()).expect("renderer");
     let session = renderer
         .run_lockstep(2.0, ContactTiming::busy(1000.0), &AtomicBool::new(false), |row| {
             assert_eq!(row.contact.force.length(), 0.0);
@@ -103,10 +103,8 @@ fn queries_that_take_longer_than_their_slot_are_counted() {
     // Two balls inside each other: a query takes far longer than its slot of 50 µs.
     let device =
         Box::new(palpate::device::Emulation::default().open(Pose::IDENTITY).expect("emulated device"));
-    let settings = Settings {
-        timing: TimingSettings { rate: 20_000.0, ..TimingSettings::default() },
-        ..Settings::default()
-    };
+    let settings =
+        Settings { timing: TimingSettings { rate: 20_000.0, ..TimingSettings::default() }, ..penalties() };
     let renderer = HapticRenderer::new(ball, scene, device, settings).expect("renderer");
     let sink = |_: &Record| Ok::<_, Infallible>(());
     let session = renderer.run_lockstep(1e-3, ContactTiming::busy(20_000.0), &AtomicBool::new(false), sink);
@@ -132,8 +130,7 @@ fn a_replayed_probe_follows_its_path() {
     std::fs::write(&file, text).expect("temporary file");
     let scene = Scene::new();
     let device = explore::open_device(&format!("replay:{}", file.display()), &probe, &scene).expect("replay");
-    let settings =
-        Settings { tool: ToolSettings { mass: 0.01, ..ToolSettings::default() }, ..Settings::default() };
+    let settings = Settings { tool: ToolSettings { mass: 0.01, ..ToolSettings::default() }, ..penalties() };
     let renderer = HapticRenderer::new(probe, scene, device, settings).expect("renderer");
     let mut worst: f64 = 0.0;
     renderer
@@ -160,7 +157,7 @@ fn a_contact_model_is_in_use_after_its_latency() {
     ] {
         let device = explore::open_device("emulated", &probe, &scene).expect("emulated device");
         let renderer =
-            HapticRenderer::new(probe.clone(), scene.clone(), device, Settings::default()).expect("renderer");
+            HapticRenderer::new(probe.clone(), scene.clone(), device, penalties()).expect("renderer");
         let mut ages = Vec::new();
         renderer
             .run_lockstep(0.2, ContactTiming { rate, latency }, &AtomicBool::new(false), |row| {
@@ -187,7 +184,7 @@ fn a_tolerance_beyond_the_probe_is_refused() {
     let device = explore::open_device("emulated", &probe, &scene).expect("emulated device");
     let settings = Settings {
         search: SearchSettings { tolerance: Some(1.0), ..SearchSettings::default() },
-        ..Settings::default()
+        ..penalties()
     };
     let error = HapticRenderer::new(probe, scene, device, settings).err().expect("a metre is no tolerance");
     assert!(error.to_string().starts_with("tolerance is 1;"), "{error}");
@@ -196,49 +193,34 @@ fn a_tolerance_beyond_the_probe_is_refused() {
 #[test]
 fn bad_settings_are_refused_by_name() {
     for (settings, name) in [
+        (Settings { tool: ToolSettings { mass: 0.0, ..ToolSettings::default() }, ..penalties() }, "mass"),
         (
-            Settings { tool: ToolSettings { mass: 0.0, ..ToolSettings::default() }, ..Settings::default() },
+            Settings { tool: ToolSettings { mass: f64::NAN, ..ToolSettings::default() }, ..penalties() },
             "mass",
         ),
         (
-            Settings {
-                tool: ToolSettings { mass: f64::NAN, ..ToolSettings::default() },
-                ..Settings::default()
-            },
-            "mass",
-        ),
-        (
-            Settings {
-                timing: TimingSettings { rate: 0.0, ..TimingSettings::default() },
-                ..Settings::default()
-            },
+            Settings { timing: TimingSettings { rate: 0.0, ..TimingSettings::default() }, ..penalties() },
             "rate",
         ),
         (
-            Settings {
-                search: SearchSettings { clusters: 0, ..SearchSettings::default() },
-                ..Settings::default()
-            },
+            Settings { search: SearchSettings { clusters: 0, ..SearchSettings::default() }, ..penalties() },
             "clusters",
         ),
         (
-            Settings {
-                search: SearchSettings { clusters: 17, ..SearchSettings::default() },
-                ..Settings::default()
-            },
+            Settings { search: SearchSettings { clusters: 17, ..SearchSettings::default() }, ..penalties() },
             "clusters",
         ),
         (
             Settings {
                 search: SearchSettings { tolerance: Some(0.0), ..SearchSettings::default() },
-                ..Settings::default()
+                ..penalties()
             },
             "tolerance",
         ),
         (
             Settings {
                 coupling: CouplingSettings { stiffness: Some(-1.0), ..CouplingSettings::default() },
-                ..Settings::default()
+                ..penalties()
             },
             "coupling-stiffness",
         ),

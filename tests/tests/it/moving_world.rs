@@ -9,7 +9,7 @@ use palpate::{
     ContactLoop, DynamicBody, HapticLoop, HapticRenderer, Object, Pose, Reactions, Record, Scene,
     SceneEditor, SceneId, Settings, Twist,
 };
-use palpate_tests::{FreeBody, model};
+use palpate_tests::{FreeBody, model, penalties};
 
 const PERIOD: f64 = 1e-3;
 /// Haptic steps per contact step.
@@ -103,7 +103,7 @@ fn forces_of_lifting(proxy: bool, block_moves: bool) -> (Vec<f64>, f64) {
     let mut rig = Rig::new(
         probe,
         scene,
-        Settings { search: SearchSettings { proxy, ..SearchSettings::default() }, ..Settings::default() },
+        Settings { search: SearchSettings { proxy, ..SearchSettings::default() }, ..penalties() },
         hand,
     );
     let stiffness = rig.haptic.coupling().linear_stiffness;
@@ -146,10 +146,8 @@ fn a_plate_that_slides_below_drags_the_probe_along() {
     let (probe, plate) = (model("ellipsoid@500"), model("block@300"));
     let start = below(&probe, &plate, -1e-3);
     let speed = 0.02;
-    let settings = Settings {
-        contact: ContactSettings { friction: 0.5, ..ContactSettings::default() },
-        ..Settings::default()
-    };
+    let settings =
+        Settings { contact: ContactSettings { friction: 0.5, ..penalties().contact }, ..penalties() };
     let dragged = |every: u32, moves: bool| {
         let scene = Scene::new().with(plate.clone(), start);
         let mut rig = Rig::new(probe.clone(), scene, settings, still);
@@ -188,7 +186,7 @@ fn a_free_object_takes_the_momentum_that_it_is_given() {
     };
     for mass in [0.02, 0.1, 2.0] {
         let scene = Scene::new().with(ball.clone(), start);
-        let mut rig = Rig::new(probe.clone(), scene, Settings::default(), path);
+        let mut rig = Rig::new(probe.clone(), scene, penalties(), path);
         let mut body = FreeBody::new(&ball, SceneId(0), mass, start, PERIOD, &mut rig.scene);
         let (mut given, mut taken, mut most) = (DVec3::ZERO, DVec3::ZERO, 0.0_f64);
         for _ in 0..800 {
@@ -222,7 +220,7 @@ fn a_pressed_object_comes_to_rest() {
     {
         let dt = PERIOD * f64::from(every);
         let scene = Scene::new().with(ball.clone(), start);
-        let mut rig = Rig::new(probe.clone(), scene, Settings::default(), path);
+        let mut rig = Rig::new(probe.clone(), scene, penalties(), path);
         let mut body = FreeBody::new(&ball, SceneId(0), mass, start, dt, &mut rig.scene);
         let floor = body.pose;
         // As soft as an explicit step allows, with matching damping.
@@ -254,7 +252,7 @@ fn an_object_on_a_thin_tool_stays_there() {
     let start = Pose::from_translation((top(&probe) - bottom(&block) + 5e-4) * DVec3::Z);
     for mass in [0.02, 0.1] {
         let scene = Scene::new().with(block.clone(), start);
-        let mut rig = Rig::new(probe.clone(), scene, Settings::default(), still);
+        let mut rig = Rig::new(probe.clone(), scene, penalties(), still);
         let mut body = FreeBody::new(&block, SceneId(0), mass, start, PERIOD, &mut rig.scene);
         let mut force = 0.0;
         for _ in 0..2000 {
@@ -287,7 +285,7 @@ fn two_hands_feel_each_other() {
     let settings = Settings {
         search: SearchSettings { tolerance: Some(2e-4), ..SearchSettings::default() },
         tool: ToolSettings { grasp: Some(Pose::IDENTITY), ..ToolSettings::default() },
-        ..Settings::default()
+        ..penalties()
     };
     let mut upper = renderer(one, Scene::new(), settings, &hand(1.0));
     let mut lower = renderer(other, Scene::new(), settings, &hand(-1.0));
@@ -310,7 +308,7 @@ fn two_hands_feel_each_other() {
 fn motions_and_bodies_are_checked() {
     let (probe, ball) = (model("ellipsoid@500"), model("golf-ball@2000"));
     let scene = Scene::new().with(ball, Pose::IDENTITY);
-    let mut rig = Rig::new(probe, scene, Settings::default(), still);
+    let mut rig = Rig::new(probe, scene, penalties(), still);
     let id = SceneId(0);
     let good =
         DynamicBody { mass: 0.1, inertia: DMat3::IDENTITY * 1e-4, center_of_mass: DVec3::ZERO, period: 1e-3 };

@@ -3,7 +3,7 @@
 use allocation_counter::measure;
 use palpate::device::Task;
 use palpate::glam::DVec3;
-use palpate::settings::{ContactSearch, SearchSettings};
+use palpate::settings::{ContactSearch, ContactSettings, Response, SearchSettings};
 use palpate::{DynamicBody, HapticRenderer, Object, Pose, Scene, SceneId, Settings, Twist, explore};
 use palpate_tests::{model, ridged_plate};
 
@@ -17,6 +17,12 @@ fn allocations_in(work: impl FnOnce()) -> u64 {
 
 #[test]
 fn the_loops_do_not_allocate() {
+    for response in [Response::Penalty, Response::Constraints] {
+        do_not_allocate(response);
+    }
+}
+
+fn do_not_allocate(response: Response) {
     assert!(allocations_in(|| drop(std::hint::black_box(vec![1u8]))) > 0, "the counter counts");
     // More contacts than clusters at times.
     let by_levels = Settings {
@@ -25,6 +31,7 @@ fn the_loops_do_not_allocate() {
             clusters: CLUSTERS,
             ..SearchSettings::default()
         },
+        contact: ContactSettings { response, ..ContactSettings::default() },
         ..Settings::default()
     };
     let contacts = run(&model("spoon@5000"), model("cup@5000"), 100_000, false, by_levels);

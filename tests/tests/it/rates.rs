@@ -8,7 +8,7 @@ use palpate::device::{Emulation, Hand, IntendedPath};
 use palpate::glam::DVec3;
 use palpate::settings::{TimingSettings, ToolSettings};
 use palpate::{ContactTiming, HapticRenderer, Object, Pose, Scene, Session, Settings, Twist};
-use palpate_tests::model;
+use palpate_tests::{model, penalties};
 
 /// Length of a session, s: a rest in which the wrench comes up, half a second of approach, then held 4 mm
 /// inside.
@@ -77,7 +77,7 @@ fn a_wall_is_stable_from_one_to_ten_kilohertz() {
                 let settings = Settings {
                     timing: TimingSettings { rate, ..TimingSettings::default() },
                     tool: ToolSettings { mass, ..ToolSettings::default() },
-                    ..Settings::default()
+                    ..penalties()
                 };
                 let (held, session) = press(preset, &probe, &wall, settings);
                 let summary = session.summary();

@@ -13,7 +13,7 @@ use palpate::{
     ContactLoop, ContactTiming, HapticRenderer, Object, Pose, Record, Scene, SceneId, Session, Settings,
     TriMesh, Twist, explore,
 };
-use palpate_tests::{first_touch, model, ridged_plate};
+use palpate_tests::{first_touch, model, penalties, ridged_plate};
 
 /// EPS relative to the probe's radius: larger than usual, so that fields are built fast.
 const ERROR: f64 = 0.0015;
@@ -25,7 +25,7 @@ fn settings(probe: &Object) -> Settings {
             representative_error: Some(ERROR * probe.bounding_radius()),
             ..SearchSettings::default()
         },
-        ..Settings::default()
+        ..penalties()
     }
 }
 
@@ -95,7 +95,7 @@ fn a_session_is_reproducible_and_close_to_one_by_levels() {
     assert!(records.len() == again.len() && records.iter().zip(&again).all(same), "it is not the same again");
     let levels = Settings {
         search: SearchSettings { method: ContactSearch::Levels, ..SearchSettings::default() },
-        ..Settings::default()
+        ..penalties()
     };
     let (levels, by_levels) = lockstep(&probe, scene, levels, 2.0);
     let stages = [session.summary().stages, levels.summary().stages]

@@ -10,9 +10,9 @@ use palpate::errors::EditError;
 use palpate::glam::{DMat3, DVec3};
 use palpate::{
     ContactLoop, ContactMonitor, ContactTiming, DynamicBody, HapticRenderer, Object, Pose, Record,
-    RunningSession, Scene, SceneId, Settings, Twist, Wrench, explore,
+    RunningSession, Scene, SceneId, Twist, Wrench, explore,
 };
-use palpate_tests::{model, ridged_plate};
+use palpate_tests::{model, penalties, ridged_plate};
 
 fn objects() -> [Object; 2] {
     ["ellipsoid@500", "golf-ball@5000"].map(model)
@@ -20,7 +20,7 @@ fn objects() -> [Object; 2] {
 
 fn renderer(probe: Object, scene: Scene, path: IntendedPath) -> HapticRenderer {
     let device = Emulation::default().open(path).expect("an emulated device");
-    HapticRenderer::new(probe, scene, Box::new(device), Settings::default()).expect("renderer")
+    HapticRenderer::new(probe, scene, Box::new(device), penalties()).expect("renderer")
 }
 
 #[test]

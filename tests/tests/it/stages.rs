@@ -8,7 +8,7 @@ use palpate::settings::{
     ContactSearch, ContactSettings, DetailSettings, OutputSettings, SearchSettings, TextureSettings,
 };
 use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, Wrench, explore};
-use palpate_tests::{model, ridged_plate};
+use palpate_tests::{model, penalties, ridged_plate};
 
 fn renderer(probe: &Object, objects: &[Object], settings: Settings) -> HapticRenderer {
     let scene = objects.iter().fold(Scene::new(), |scene, object| scene.with(object.clone(), Pose::IDENTITY));
@@ -30,17 +30,15 @@ fn records(renderer: HapticRenderer) -> Vec<Record> {
 #[test]
 fn stages_report_whether_they_are_on_and_why() {
     let (hull, ball, ridges) = (model("ellipsoid@500"), model("golf-ball@2000"), ridged_plate(5e-4, 2e-3));
-    let error = |error| Settings {
-        detail: DetailSettings { error, ..DetailSettings::default() },
-        ..Settings::default()
-    };
+    let error =
+        |error| Settings { detail: DetailSettings { error, ..DetailSettings::default() }, ..penalties() };
     let check = |renderer: &HapticRenderer, expected: &[(&str, &str)]| {
         let stages = renderer.stages();
         for (stage, why) in expected {
             assert!(stages[stage].contains(why), "{stage}: {why}: {stages:?}");
         }
     };
-    let plain = renderer(&hull, std::slice::from_ref(&hull), Settings::default());
+    let plain = renderer(&hull, std::slice::from_ref(&hull), penalties());
     check(
         &plain,
         &[
@@ -103,7 +101,7 @@ fn convex_hulls_do_not_depend_on_the_error_threshold() {
         let settings = Settings {
             search: SearchSettings { method: ContactSearch::Levels, ..SearchSettings::default() },
             detail: DetailSettings { error, ..DetailSettings::default() },
-            ..Settings::default()
+            ..penalties()
         };
         records(renderer(&hull, std::slice::from_ref(object), settings))
     };
@@ -131,7 +129,7 @@ fn no_memory_is_taken_for_absent_textures() {
         let textures = TextureSettings { grid, ..TextureSettings::default() };
         let scene = Scene::new().with(object.clone(), Pose::IDENTITY);
         // Runs once before, since shapes are built at first use.
-        let settings = Settings { textures, ..Settings::default() };
+        let settings = Settings { textures, ..penalties() };
         drop(renderer(&probe, std::slice::from_ref(object), settings));
         let device = explore::open_device("emulated", &probe, &scene).expect("emulated device");
         let probe = probe.clone();

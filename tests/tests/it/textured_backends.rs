@@ -17,7 +17,7 @@ use palpate::texture_pd::{
     TextureContact, TexturedSurface, WgpuBackend,
 };
 use palpate::{ContactLoop, HapticRenderer, Object, Pose, Scene, SceneId, Settings};
-use palpate_tests::{model, ridged_plate};
+use palpate_tests::{model, penalties, ridged_plate};
 
 /// Returns a pose of the object below the probe at the origin, in contact.
 fn below(probe: &Object, object: &Object) -> Pose {
@@ -37,7 +37,7 @@ impl Held {
     fn new(scene: Scene, backend: Option<Box<dyn Backend>>, textures: TextureSettings) -> Self {
         let probe = model("ellipsoid@500");
         let device = Emulation::default().open(IntendedPath::from(Pose::IDENTITY)).expect("a device");
-        let settings = Settings { textures, ..Settings::default() };
+        let settings = Settings { textures, ..penalties() };
         let mut renderer = HapticRenderer::new(probe, scene, Box::new(device), settings).expect("renderer");
         if let Some(backend) = backend {
             renderer.set_texture_backend(backend);

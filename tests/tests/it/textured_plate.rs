@@ -11,7 +11,7 @@ use palpate::settings::{
     ContactSettings, CouplingSettings, HandlePlace, SearchSettings, TextureSettings, ToolSettings,
 };
 use palpate::{HapticRenderer, Object, Pose, Record, Scene, Settings};
-use palpate_tests::{model, ridged_plate, smooth};
+use palpate_tests::{model, penalties, ridged_plate, smooth};
 use rayon::prelude::*;
 
 /// Height of the ridges and their distance, m.
@@ -61,7 +61,7 @@ fn explore(experiment: &Experiment) -> Vec<Record> {
             handle: HandlePlace::MeshOrigin,
             ..ToolSettings::default()
         },
-        contact: ContactSettings { stiffness: experiment.stiffness, ..ContactSettings::default() },
+        contact: ContactSettings { stiffness: experiment.stiffness, ..penalties().contact },
         coupling: CouplingSettings {
             stiffness: Some(200.0),
             angular_stiffness: Some(3.0),
@@ -69,7 +69,7 @@ fn explore(experiment: &Experiment) -> Vec<Record> {
         },
         search: SearchSettings { tolerance: Some(2e-4), ..SearchSettings::default() },
         textures: experiment.textures,
-        ..Settings::default()
+        ..penalties()
     };
     let scene = Scene::new().with(plate(experiment.textured), Pose::IDENTITY);
     let device = Box::new(emulation.open(path).unwrap());

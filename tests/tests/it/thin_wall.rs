@@ -11,6 +11,7 @@ use palpate::settings::{ContactSettings, SearchSettings};
 use palpate::{
     ContactTiming, HapticRenderer, Object, Pose, Record, Scene, SceneId, Session, Settings, TriMesh, Twist,
 };
+use palpate_tests::penalties;
 
 /// Half extents of the plates, m.
 const HALF: f64 = 0.05;
@@ -82,7 +83,7 @@ fn hits_through(thickness: f64, speed: f64, braking: bool, proxy: bool) -> usize
         });
         let settings = Settings {
             search: SearchSettings { braking, proxy, ..SearchSettings::default() },
-            ..Settings::default()
+            ..penalties()
         };
         let (_, records) = render(&probe, &plate, path, settings, (0.6, rate));
         let behind = |record: &Record| record.object.translation.z < 0.0;
@@ -141,8 +142,7 @@ fn sheet_is_pressed_stroked_and_left_over_its_edge() {
         (8.0, at(0.0, -0.06)),
     ]);
     for rate in [1000.0, 200.0] {
-        let (session, records) =
-            render(&probe, &plate(thickness), path.clone(), Settings::default(), (8.0, rate));
+        let (session, records) = render(&probe, &plate(thickness), path.clone(), penalties(), (8.0, rate));
         assert!(
             session.contact.events.proxy_engaged > 100,
             "the proxy is never elsewhere, and nothing is shown"
@@ -177,8 +177,7 @@ fn blade_below(proxy: bool, rocking: f64) -> f64 {
         let pose = Pose::new(DVec3::Z * (0.005 - 0.04 * pressed), rotation);
         (pose, Twist::new(DVec3::Z * lowering, DVec3::Y * turning))
     });
-    let settings =
-        Settings { search: SearchSettings { proxy, ..SearchSettings::default() }, ..Settings::default() };
+    let settings = Settings { search: SearchSettings { proxy, ..SearchSettings::default() }, ..penalties() };
     let (_, records) = render(&blade, &plate(2e-4), path, settings, (4.0, 200.0));
     let lowest = |record: &Record| {
         let down = |x: f64| -record.object.transform_point(DVec3::X * x).z;
@@ -204,10 +203,8 @@ fn proxy_recovers_from_invalid_states_and_a_moving_scene() {
     let (probe, low) = ellipsoid();
     let device = Emulation::default().open(IntendedPath::Still(Pose::IDENTITY)).expect("an emulation");
     let scene = Scene::new().with(plate(2e-4), Pose::IDENTITY);
-    let settings = Settings {
-        contact: ContactSettings { stiffness: 2000.0, ..ContactSettings::default() },
-        ..Settings::default()
-    };
+    let settings =
+        Settings { contact: ContactSettings { stiffness: 2000.0, ..penalties().contact }, ..penalties() };
     let renderer = HapticRenderer::new(probe, scene, Box::new(device), settings).expect("a session");
     let (_, mut contact, _) = renderer.into_loops();
     let mut time = 0.0;

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use palpate::glam::DVec3;
 use palpate::settings::{ContactSearch, SearchSettings};
 use palpate::{ContactTiming, HapticRenderer, Pose, Scene, Settings, explore};
-use palpate_tests::model;
+use palpate_tests::{model, penalties};
 
 /// A hand is steered down onto a golf ball, rests there, and is steered up again. The monitor shows the
 /// patches that touch, forces that add up to the contact force, and nothing away from the ball.
@@ -20,14 +20,11 @@ fn pushes_are_those_that_are_felt() {
 fn watch_a_push(search: ContactSearch, down: f64) {
     let probe = model("ellipsoid@500");
     let scene = Scene::new().with(model("golf-ball@5000"), Pose::IDENTITY);
-    let (device, steering) =
-        explore::open_steered_device("emulated:hand=firm", &probe, &scene, &Settings::default())
-            .expect("emulated device");
+    let (device, steering) = explore::open_steered_device("emulated:hand=firm", &probe, &scene, &penalties())
+        .expect("emulated device");
     let mut steering = steering.expect("a hand without a task is steered");
-    let settings = Settings {
-        search: SearchSettings { method: search, ..SearchSettings::default() },
-        ..Settings::default()
-    };
+    let settings =
+        Settings { search: SearchSettings { method: search, ..SearchSettings::default() }, ..penalties() };
     let mut renderer = HapticRenderer::new(probe.clone(), scene.clone(), device, settings).expect("renderer");
     let mut watch = renderer.contact_monitor();
     assert!(watch.latest().time.is_nan() && watch.latest().forces.is_empty());
@@ -82,7 +79,7 @@ fn watch_a_push(search: ContactSearch, down: f64) {
 fn devices_with_a_motion_of_their_own_are_not_steered() {
     let probe = model("ellipsoid@500");
     let scene = Scene::new().with(model("golf-ball@1000"), Pose::IDENTITY);
-    let opened = |address: &str| explore::open_steered_device(address, &probe, &scene, &Settings::default());
+    let opened = |address: &str| explore::open_steered_device(address, &probe, &scene, &penalties());
     assert!(opened("emulated:touch").is_ok_and(|(_, steering)| steering.is_some()));
     assert!(opened("emulated:task=tap").is_ok_and(|(_, steering)| steering.is_none()));
     assert!(opened("emulated:task=fly").is_err() && opened("nothing").is_err());

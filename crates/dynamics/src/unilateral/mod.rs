@@ -30,6 +30,7 @@ mod solver;
 mod step;
 #[cfg(test)]
 mod tests;
+mod vector;
 
 use glam::DVec3;
 use palpate_core::Pose;

@@ -13,7 +13,7 @@
 use arrayvec::ArrayVec;
 
 use super::MAX_UNILATERAL;
-use super::solver::{Six, add, dot, sum};
+use super::vector::{Six, add, dot, sum};
 
 /// Number of whole steps. With fewer, many contacts that change at once take longer.
 const WHOLE_STEPS: u32 = 10;

@@ -12,6 +12,7 @@ use glam::DVec3;
 use palpate_core::Twist;
 
 use super::normals::{Normals, Side};
+use super::vector::{Six, add, dot, sum};
 use super::{MAX_UNILATERAL, UnilateralContact};
 use crate::system::six;
 
@@ -32,8 +33,6 @@ const RECOVERY_TIME: f64 = 5e-3;
 /// Compliance of a contact relative to the body's own mobility along it. Without it the impulses of redundant
 /// contacts are not unique and wander; with much more, contacts are felt to yield.
 const COMPLIANCE: f64 = 1e-3;
-
-pub(super) type Six = [f64; 6];
 
 /// Friction of one contact that has pushed.
 #[derive(Clone, Copy)]
@@ -72,26 +71,6 @@ pub(super) struct Solver<'a> {
     rubbed: Six,
     /// Set of the contacts that have friction rows.
     ready: u64,
-}
-
-#[inline(always)]
-pub(super) fn dot(a: &Six, b: &Six) -> f64 {
-    // Two lanes.
-    (a[0] * b[0] + a[2] * b[2] + a[4] * b[4]) + (a[1] * b[1] + a[3] * b[3] + a[5] * b[5])
-}
-
-#[inline(always)]
-pub(super) fn add(to: &mut Six, gain: f64, from: &Six) {
-    for (to, from) in to.iter_mut().zip(from) {
-        *to += gain * from;
-    }
-}
-
-#[inline(always)]
-pub(super) fn sum(a: &Six, b: &Six) -> Six {
-    let mut sum = *a;
-    add(&mut sum, 1.0, b);
-    sum
 }
 
 /// The scaled row Kᵀ Jᵀ of a unit velocity along an axis at an arm, for a lower factor K.

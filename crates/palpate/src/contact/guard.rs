@@ -39,8 +39,8 @@ const MAX_CELLS: usize = 2 * MAX_POINTS;
 const MAX_NEAR_CELLS: usize = 3 * MAX_NEAR;
 
 /// Largest distance of a point over that of a start in its cell, in edges of the smallest cells, with which
-/// it goes on from the last query. With less, points are searched anew that do not have to be; with more, they miss
-/// surfaces that have come nearer.
+/// it goes on from the last query. With less, points are searched anew that do not have to be; with more,
+/// they miss surfaces that have come nearer.
 const MAX_LATER: f64 = 0.02;
 
 /// Points that there is room for from the start.
@@ -210,8 +210,8 @@ impl Guard {
         (nearest, self.points.len().saturating_sub(MAX_POINTS))
     }
 
-    /// Whether the chosen starts are so many that not all of their points would find room, though some of them
-    /// come out as the same.
+    /// Whether the chosen starts are so many that not all of their points would find room, though some of
+    /// them come out as the same.
     fn are_too_many(&self, near: f64) -> bool {
         self.cells.len() > MAX_CELLS || self.near_cells(near) > MAX_NEAR_CELLS
     }

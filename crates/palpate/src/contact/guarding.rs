@@ -34,8 +34,8 @@ const MIN_REACH: f64 = 2.0;
 /// meshes touch; with less, edges of fine meshes are sampled one by one.
 const LONG: f64 = 2.0;
 
-/// Speed of the hand, m/s, at which a body that is clear of all surfaces is not held back. With more, it takes
-/// longer to find how far it is clear of them.
+/// Speed of the hand, m/s, at which a body that is clear of all surfaces is not held back. With more, it
+/// takes longer to find how far it is clear of them.
 const HAND_SPEED: f64 = 2.0;
 
 /// Time of motion within which a step may meet a point, s. With more, cells are larger than they need to be.

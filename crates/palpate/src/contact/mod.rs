@@ -69,9 +69,9 @@ pub struct ContactUpdate {
     pub model: LinearContactModel,
     /// Time of the body state that the query saw, s; NaN before the first query.
     pub time: f64,
-    /// Largest penetration, m, by the contacts' planes; 0 if disjoint.
+    /// Largest penetration, m, by the planes of penalty contacts; 0 if disjoint.
     pub depth: f64,
-    /// Number of contacts found, before clustering.
+    /// Number of penalty contacts found, before clustering.
     pub contacts: u32,
     /// What the haptic loop needs to hold the body out of surfaces, if contacts are constraints.
     pub(crate) geometry: Option<ContactGeometry>,

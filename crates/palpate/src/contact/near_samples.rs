@@ -1,7 +1,7 @@
 //! Samples of two bodies' surfaces near each other, found in their fields: where guarded points start.
 //!
-//! Samples on faces whose sharp edges are all long are left out, since it is these edges that touch first. The
-//! edges have samples of their own, at even steps.
+//! Samples on faces whose sharp edges are all long are left out, since it is these edges that touch first.
+//! The edges have samples of their own, at even steps.
 
 use arrayvec::ArrayVec;
 use palpate_core::Pose;

@@ -29,8 +29,10 @@ pub(super) struct BodyContacts {
     contacts: [StepContacts; 2],
     /// Which are those of this step.
     now: usize,
-    /// Data of the newest contact model.
+    /// Data of the newest contact model, with the constraints of this step.
     pub found: ModelData,
+    /// Largest depth (m) and number of its penalty contacts.
+    pub penalties: (f64, u32),
     /// Bounding radius of the body about its centre of mass, m.
     radius: f64,
     /// Distance that the body may move from where its contact model was found, m.
@@ -47,6 +49,7 @@ impl BodyContacts {
             contacts: Default::default(),
             now: 0,
             found: ModelData::none(pose),
+            penalties: (0.0, 0),
             radius,
             max_stray,
         }
@@ -67,8 +70,9 @@ impl BodyContacts {
         let moved = dt * speed;
         let motion = StepMotion { dt, moved, reach: MIN_REACH + REACH * moved };
         geometry.contacts(&mut self.slacks, state, &motion, before, found);
-        self.found.depth = found.depth;
-        self.found.contacts = found.contacts.len() as u32;
+        let (depth, contacts) = self.penalties;
+        self.found.depth = depth.max(found.depth);
+        self.found.contacts = contacts + found.contacts.len() as u32;
         MotionBound { step: found.room, ..geometry.bound }
     }
 

@@ -209,11 +209,7 @@ impl<T: Tool> HapticLoop<T> {
         known.blend.arrive(model, &state, age, duration);
         known.take(geometry.as_ref(), &state, if age > 0.0 { age } else { 0.0 });
         known.found = ModelData { time, pose: *model.pose(), depth, contacts };
-        let contacts = self.contacts();
-        let telemetry = &mut self.telemetry;
-        telemetry.depth_max = telemetry.depth_max.max(depth);
-        telemetry.contacts_max = telemetry.contacts_max.max(contacts);
-        telemetry.contacts_now = contacts;
+        known.penalties = (depth, contacts);
     }
 
     /// Number of contacts of all bodies, before clustering.
@@ -327,6 +323,12 @@ impl<T: Tool> HapticLoop<T> {
         }
         let step = self.tool.step(hand, &mut loads, dt);
         drop(loads);
+        let contacts = self.contacts();
+        let depth = self.bodies.iter().map(|body| body.found.depth).fold(0.0, f64::max);
+        let telemetry = &mut self.telemetry;
+        telemetry.depth_max = telemetry.depth_max.max(depth);
+        telemetry.contacts_max = telemetry.contacts_max.max(contacts);
+        telemetry.contacts_now = contacts;
         let events = &mut self.telemetry.events;
         events.waited += u64::from(step.waited);
         events.step_refused += u64::from(step.status.failure.is_some());

@@ -24,8 +24,8 @@ const COUPLING_STIFFNESS: f64 = 500.0;
 /// Contacts between the jaws.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Contacts {
-    /// Penalty contacts by levels of detail, with details up to a share of the held jaw's bounding radius left
-    /// out.
+    /// Penalty contacts by levels of detail, with details up to a share of the held jaw's bounding radius
+    /// left out.
     Penalties(f64),
     /// The default, which is judged.
     Constraints,
