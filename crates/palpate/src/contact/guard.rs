@@ -43,7 +43,10 @@ const MAX_NEAR_CELLS: usize = 3 * MAX_NEAR;
 /// they miss surfaces that have come nearer.
 const MAX_LATER: f64 = 0.02;
 
-/// Points that there is room for from the start.
+/// Starts that there is room for from the start: those of close fits.
+const RESERVED_STARTS: usize = 32_768;
+
+/// The same for points and cells.
 const RESERVED: usize = 2048;
 
 /// A place at which a guarded point may start.
@@ -166,11 +169,11 @@ impl Start {
 impl Guard {
     pub fn new() -> Self {
         Self {
-            starts: Vec::with_capacity(RESERVED),
+            starts: Vec::with_capacity(RESERVED_STARTS),
             cells: HashMap::with_capacity_and_hasher(RESERVED, FixedState::default()),
             doublings: 0,
             chosen: Vec::with_capacity(RESERVED),
-            patches: PatchStarts::default(),
+            patches: PatchStarts::new(),
             points: Vec::with_capacity(RESERVED),
             known: Known::new(),
         }
@@ -185,7 +188,7 @@ impl Guard {
         let same = self.points.len() as f64 / self.cells.len().max(1) as f64;
         let fit = |cells: usize, most: usize| cells as f64 * same <= most as f64;
         while self.doublings > 0 {
-            self.choose((limits.edge * f64::from(1 << (self.doublings - 1))) as f32);
+            self.choose((limits.edge * f64::from(1 << (self.doublings - 1))) as f32, MAX_CELLS);
             let fits = fit(self.cells.len(), MAX_POINTS) && fit(self.near_cells(limits.near), MAX_NEAR);
             if !fits || self.are_too_many(limits.near) {
                 break;
@@ -194,8 +197,8 @@ impl Guard {
         }
         loop {
             let edge = limits.edge * f64::from(1 << self.doublings);
-            self.choose(edge as f32);
             let is_last = self.doublings == MAX_DOUBLINGS;
+            self.choose(edge as f32, if is_last { usize::MAX } else { MAX_CELLS });
             if is_last || !self.are_too_many(limits.near) {
                 self.make(geometry, mesh, limits, edge);
                 let near = self.points.iter().filter(|point| f64::from(point.slack) < limits.near).count();
@@ -222,13 +225,16 @@ impl Guard {
         self.cells.values().filter(|index| self.starts[**index as usize].distance < near).count()
     }
 
-    /// Chooses the nearest start of each cell.
-    fn choose(&mut self, edge: f32) {
+    /// Chooses the nearest start of each cell, and ends early with more than `most` cells.
+    fn choose(&mut self, edge: f32, most: usize) {
         self.cells.clear();
         for (index, start) in self.starts.iter().enumerate() {
             let nearest = self.cells.entry(start.cell(edge)).or_insert(index as u32);
             if start.distance < self.starts[*nearest as usize].distance {
                 *nearest = index as u32;
+            }
+            if self.cells.len() > most {
+                return;
             }
         }
     }

@@ -10,6 +10,9 @@ use palpate_core::{Clod, Contact, Pose};
 /// Smallest cosine of the angle between faces that are one: their edge is no feature.
 const FLAT: f64 = 1.0 - 1e-9;
 
+/// Edges of triangles of a patch that there is room for from the start.
+const RESERVED: usize = 1024;
+
 /// The workspace.
 #[derive(Debug, Default)]
 pub(super) struct PatchStarts {
@@ -28,6 +31,11 @@ struct Side {
 }
 
 impl PatchStarts {
+    /// A workspace with room for large patches.
+    pub fn new() -> Self {
+        Self { probe: Side::reserved(), scene: Side::reserved() }
+    }
+
     /// Passes on the places of a contact's patches, nodes of hierarchies at poses, that are within about
     /// `reach` (m) of each other: positions (m, world), whether on the probe, distances (m), and along which
     /// edge if edges cross there.
@@ -66,6 +74,10 @@ impl PatchStarts {
 }
 
 impl Side {
+    fn reserved() -> Self {
+        Self { edges: Vec::with_capacity(RESERVED), sides: Vec::with_capacity(RESERVED), ..Self::default() }
+    }
+
     /// Collects the edges of a patch with an end at a height up to `reach` (m).
     fn collect(
         &mut self,

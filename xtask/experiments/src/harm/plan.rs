@@ -3,7 +3,7 @@
 use palpate::device::{Axes, Emulation, Hand, Handle, Specification};
 use palpate::dynamics::IntegratorKind;
 use palpate::glam::DVec3;
-use palpate::settings::{ContactSearch, HandlePlace, TextureSettings};
+use palpate::settings::{ContactSearch, HandlePlace, Response, TextureSettings};
 use palpate::{Pose, Settings};
 
 use super::faults::{FAULTS, Fault};
@@ -188,6 +188,9 @@ fn settings(g: &mut Genes<'_>, pair: Pair, by_models: bool) -> (Settings, Integr
         ContactSearch::Levels,
         ContactSearch::Representatives,
     ]);
+    // Constraints take longer to search than penalties.
+    let constrained = settings.search.method == ContactSearch::Automatic;
+    settings.contact.response = if constrained { Response::Constraints } else { Response::Penalty };
     settings.search.representative_error = g.maybe(0.2, |g| radius * g.pick(&[0.0003, 0.001, 0.003]));
     settings.detail.error = g.maybe(0.3, |g| g.log(1e-5, 1e-2)).unwrap_or(0.0);
     settings.detail.interpolation = g.chance(0.7);
