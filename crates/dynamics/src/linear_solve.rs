@@ -201,6 +201,17 @@ mod tests {
         std::array::from_fn(|i| (0..N).map(|j| matrix[i][j] * x[j]).sum())
     }
 
+    /// The sum of a Gram matrix, which is definite, and a skew one.
+    fn random_definite(rng: &mut StdRng) -> [[f64; 6]; 6] {
+        let (factor, skew) = (random_matrix::<6>(rng), random_matrix::<6>(rng));
+        std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                let gram: f64 = (0..6).map(|k| factor[i][k] * factor[j][k]).sum();
+                gram + f64::from(i == j) + skew[i][j] - skew[j][i]
+            })
+        })
+    }
+
     #[test]
     fn solution_has_a_small_residual() {
         let seed = 11;
@@ -221,14 +232,7 @@ mod tests {
         let seed = 13;
         let mut rng = StdRng::seed_from_u64(seed);
         for case in 0..2000 {
-            // A Gram matrix, which is definite, and a skew one.
-            let (factor, skew) = (random_matrix::<6>(&mut rng), random_matrix::<6>(&mut rng));
-            let matrix: [[f64; 6]; 6] = std::array::from_fn(|i| {
-                std::array::from_fn(|j| {
-                    let gram: f64 = (0..6).map(|k| factor[i][k] * factor[j][k]).sum();
-                    gram + f64::from(i == j) + skew[i][j] - skew[j][i]
-                })
-            });
+            let matrix = random_definite(&mut rng);
             let right = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
             let x = solve_definite(matrix, right).expect("definite");
             for (found, wanted) in product(&matrix, &x).iter().zip(right) {
@@ -277,13 +281,7 @@ mod tests {
         let seed = 15;
         let mut rng = StdRng::seed_from_u64(seed);
         for case in 0..2000 {
-            let (factor, skew) = (random_matrix::<6>(&mut rng), random_matrix::<6>(&mut rng));
-            let matrix: [[f64; 6]; 6] = std::array::from_fn(|i| {
-                std::array::from_fn(|j| {
-                    let gram: f64 = (0..6).map(|k| factor[i][k] * factor[j][k]).sum();
-                    gram + f64::from(i == j) + skew[i][j] - skew[j][i]
-                })
-            });
+            let matrix = random_definite(&mut rng);
             let (found, wanted) =
                 (inverse_definite(matrix).expect("definite"), inverse(matrix).expect("regular"));
             for (found, wanted) in found.iter().flatten().zip(wanted.iter().flatten()) {
