@@ -18,6 +18,11 @@
 //! in about 5 ms, and of at most the recovery velocity, however deep it is. Pushing it out by its depth in
 //! one step, or by a spring, would give the body energy that the hand did not put in.
 //!
+//! # Many contacts
+//!
+//! A step finds the impulses of at most [`MAX_UNILATERAL`] contacts: a working set. Contacts beside it that
+//! the step would pass are exchanged for some that do not push.
+//!
 //! # Bound on motion
 //!
 //! Surfaces that are in no contact are known to be at least [`MotionBound::room`] away from where the body
@@ -31,14 +36,19 @@ mod step;
 #[cfg(test)]
 mod tests;
 mod vector;
+mod working_set;
 
 use glam::DVec3;
-use palpate_core::Pose;
+use palpate_core::{Pose, Twist};
 
 pub use step::{ConstrainedStep, constrained_step};
 
-/// Largest number of unilateral contacts of a step.
+/// Largest number of contacts whose impulses a step finds.
 pub const MAX_UNILATERAL: usize = 64;
+
+/// Time in which a small overlap is undone, s. With less, each overlap of a micrometre that comes and goes is
+/// felt in the coupling's damper; with more, overlaps last.
+const RECOVERY_TIME: f64 = 5e-3;
 
 /// A contact that holds a point of the body on one side of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,6 +66,19 @@ pub struct UnilateralContact {
     /// Impulse of the body on the surface in the last step, N·s, world axes: the start of the iteration, and
     /// its result.
     pub impulse: DVec3,
+    /// What the caller tells contacts apart by, since a step may change their order.
+    pub key: u16,
+}
+
+impl UnilateralContact {
+    /// Approach of the surfaces, with a velocity of the body, beyond what a step of `dt` (s) allows, m/s; an
+    /// overlap recovers with a velocity of at most `recovery` (m/s).
+    #[inline(always)]
+    fn excess(&self, twist: &Twist, dt: f64, recovery: f64) -> f64 {
+        let Self { arm, normal, gap, velocity, .. } = *self;
+        let allowed = if gap < 0.0 { (gap / RECOVERY_TIME).max(-recovery) } else { gap / dt };
+        normal.dot(twist.velocity_at(arm) - velocity) - allowed
+    }
 }
 
 /// The region of known surfaces: a bound on the body's motion.

@@ -26,10 +26,6 @@ const MIN_VELOCITY: f64 = 1e-9;
 /// end. With more, contacts creep; with less, steps take longer.
 const ROUND_TOLERANCE: f64 = 1e-4;
 
-/// Time in which a small overlap is undone, s. With less, each overlap of a micrometre that comes and goes is
-/// felt in the coupling's damper; with more, overlaps last.
-const RECOVERY_TIME: f64 = 5e-3;
-
 /// Compliance of a contact relative to the body's own mobility along it. Without it the impulses of redundant
 /// contacts are not unique and wander; with much more, contacts are felt to yield.
 const COMPLIANCE: f64 = 1e-3;
@@ -101,11 +97,9 @@ impl<'a> Solver<'a> {
         let contacts = &contacts[..contacts.len().min(MAX_UNILATERAL)];
         let mut solver = Self { contacts, free, factor, rows, pressed: [0.0; 6], rubbed: [0.0; 6], ready: 0 };
         for (index, contact) in contacts.iter().enumerate() {
-            let UnilateralContact { arm, normal, gap, velocity, impulse, .. } = *contact;
+            let UnilateralContact { arm, normal, impulse, .. } = *contact;
             let row = scaled(factor, arm, normal);
-            let allowed = if gap < 0.0 { (gap / RECOVERY_TIME).max(-recovery) } else { gap / dt };
-            let limit = normal.dot(velocity) + allowed;
-            let excess = normal.dot(free.velocity_at(arm)) - limit;
+            let excess = contact.excess(free, dt, recovery);
             let stiffness = 1.0 / (COMPLIANCE * dot(&row, &row));
             let impulse_before = normal.dot(impulse);
             solver.rows.normals.push(Side { row, excess, stiffness }, impulse_before > 0.0);

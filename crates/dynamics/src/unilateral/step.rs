@@ -5,6 +5,7 @@ use glam::DVec3;
 use palpate_core::{Twist, Wrench};
 
 use super::solver::{Rows, Solver};
+use super::working_set::{MAX_EXCHANGES, choose, exchange, share};
 use super::{MotionBound, UnilateralContact};
 use crate::body::BodyState;
 use crate::linear_solve::{inverse, inverse_definite};
@@ -21,12 +22,12 @@ const MAX_RECOVERY: f64 = 0.02;
 pub struct ConstrainedStep {
     /// The step; its contact wrench is that of the unilateral and of the penalty contacts.
     pub step: Step,
-    /// Whether the step was shortened by the bound on motion.
+    /// Whether the step was shortened, by the bound on motion or for contacts that were not solved for.
     pub held_back: bool,
 }
 
 impl From<Step> for ConstrainedStep {
-    /// A step that no bound shortened.
+    /// A step that was not shortened.
     fn from(step: Step) -> Self {
         Self { step, held_back: false }
     }
@@ -34,6 +35,8 @@ impl From<Step> for ConstrainedStep {
 
 /// Advances the body by `dt` (s) as [`semi_implicit_step`](crate::semi_implicit_step) does, without passing
 /// the surfaces of unilateral `contacts`, and no further than a `bound`. Updates the contacts' impulses.
+///
+/// Where there are more than [`MAX_UNILATERAL`](super::MAX_UNILATERAL) contacts, their order changes.
 ///
 /// Refuses the same inputs, and keeps the same rules: nothing is allocated and nothing panics.
 pub fn constrained_step(
@@ -52,6 +55,7 @@ pub fn constrained_step(
         return Step::failed(state, StepFailure::Singular).into();
     };
     let mut twist = Twist::new(state.twist.linear + change.linear, state.twist.angular + change.angular);
+    let mut shortened = false;
     if !contacts.is_empty() {
         let matrix = system.assemble(active).matrix;
         let Some(mobility) = inverse_definite(matrix).or_else(|| inverse(matrix)) else {
@@ -59,11 +63,21 @@ pub fn constrained_step(
         };
         let factor = cholesky(&symmetric(&mobility));
         let recovery = (RECOVERY_FORCE / frame.coupling.linear_damping).min(MAX_RECOVERY);
-        let mut rows = Rows::default();
-        let (held, converged) = Solver::new(contacts, &twist, &factor, dt, recovery, &mut rows).solve();
-        Solver::store(&rows, contacts);
-        twist = held;
-        status.unconverged = !converged;
+        choose(contacts, &twist, (dt, recovery));
+        let mut exchanges = 0;
+        let held = loop {
+            let mut rows = Rows::default();
+            let (held, converged) = Solver::new(contacts, &twist, &factor, dt, recovery, &mut rows).solve();
+            Solver::store(&rows, contacts);
+            status.unconverged = !converged;
+            if exchanges == MAX_EXCHANGES || !exchange(contacts, &held, (dt, recovery)) {
+                break held;
+            }
+            exchanges += 1;
+        };
+        let share = share(contacts, &held, dt);
+        shortened = share < 1.0;
+        twist = Twist::new(held.linear * share, held.angular * share);
     }
     let (twist, held_back) = within(bound, state, &twist, dt);
     let next = BodyState { pose: state.pose.moved(&twist, dt), twist };
@@ -74,7 +88,7 @@ pub fn constrained_step(
         contacts.iter_mut().for_each(|contact| contact.impulse = DVec3::ZERO);
         return Step::failed(state, StepFailure::Overflow).into();
     }
-    ConstrainedStep { step, held_back }
+    ConstrainedStep { step, held_back: held_back || shortened }
 }
 
 /// The symmetric part of a matrix. The inverse of a step's matrix is symmetric but for geometric stiffness;

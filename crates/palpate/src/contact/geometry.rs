@@ -79,11 +79,12 @@ pub(crate) struct Slacks {
 /// The contacts of one step.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct StepContacts {
-    pub contacts: ArrayVec<UnilateralContact, MAX_UNILATERAL>,
-    /// Their indices among the points.
-    points: ArrayVec<u16, MAX_UNILATERAL>,
-    /// Where their arms are along x, by which most are told apart, m.
-    along: ArrayVec<f64, MAX_UNILATERAL>,
+    /// With the indices of their points as keys.
+    pub contacts: ArrayVec<UnilateralContact, MAX_POINTS>,
+    /// Whether these indices are those of the next step's points, too.
+    is_known: bool,
+    /// Where their arms are along x when they are found, by which most are told apart, m.
+    along: ArrayVec<f64, MAX_POINTS>,
     /// Largest motion of any point of the body in the step that meets no other point, m.
     pub room: f64,
     /// Largest depth, m; 0 if nothing overlaps.
@@ -150,8 +151,9 @@ impl ContactGeometry {
                     velocity: object.motion.twist.velocity_at(measured.point),
                     friction: friction.static_coefficient,
                     impulse: DVec3::ZERO,
+                    key: index as u16,
                 };
-                found.push(contact, index as u16);
+                found.push(contact);
             }
         }
         found.take_over(before, friction);
@@ -267,19 +269,19 @@ fn frames_of<'a>(
 impl StepContacts {
     pub fn clear(&mut self) {
         self.contacts.clear();
-        self.points.clear();
         self.along.clear();
+        self.is_known = true;
         self.room = f64::INFINITY;
         self.depth = 0.0;
     }
 
     /// Forgets which points the contacts are of; they are found again by their places.
     pub fn forget(&mut self) {
-        self.points.clear();
+        self.is_known = false;
     }
 
-    /// Adds a contact, unless it is one that is known. If there is no room, the furthest is left out.
-    fn push(&mut self, contact: UnilateralContact, point: u16) {
+    /// Adds a contact, unless it is one that is known.
+    fn push(&mut self, contact: UnilateralContact) {
         let at = contact.arm.x;
         for (known, _) in
             self.contacts.iter_mut().zip(&self.along).filter(|(_, x)| (**x - at).abs() < SAME_PLACE)
@@ -291,36 +293,23 @@ impl StepContacts {
                 return;
             }
         }
-        if !self.contacts.is_full() {
-            self.contacts.push(contact);
-            self.points.push(point);
-            self.along.push(at);
-            return;
-        }
-        let furthest = self.contacts.iter().enumerate().max_by(|a, b| a.1.gap.total_cmp(&b.1.gap));
-        let Some((furthest, gap)) = furthest.map(|(index, known)| (index, known.gap)) else { return };
-        self.room = self.room.min(gap.max(contact.gap));
-        if contact.gap < gap {
-            self.contacts[furthest] = contact;
-            self.points[furthest] = point;
-            self.along[furthest] = at;
-        }
+        self.contacts.push(contact);
+        self.along.push(at);
     }
 
     /// Takes over the impulses of the last step, and the lower coefficient of friction where a contact slid.
     fn take_over(&mut self, before: &Self, friction: &Friction) {
-        let pushed = before.contacts.iter().zip(0..).filter(|(known, _)| known.impulse != DVec3::ZERO);
-        let pushed: ArrayVec<(&UnilateralContact, usize), MAX_UNILATERAL> = pushed.collect();
-        for (contact, point) in self.contacts.iter_mut().zip(&self.points) {
+        let pushed = before.contacts.iter().filter(|known| known.impulse != DVec3::ZERO);
+        let pushed: ArrayVec<&UnilateralContact, MAX_UNILATERAL> = pushed.collect();
+        for contact in &mut self.contacts {
             let near = |known: &UnilateralContact| {
                 known.arm.distance_squared(contact.arm) < NEAR_PLACE * NEAR_PLACE
                     && known.normal.dot(contact.normal) > NEAR_NORMAL
             };
-            let is_same = |&&(known, index): &&(&UnilateralContact, usize)| match before.points.get(index) {
-                Some(before) => before == point,
-                None => near(known),
+            let is_same = |known: &&&UnilateralContact| {
+                if before.is_known { known.key == contact.key } else { near(known) }
             };
-            let Some((known, _)) = pushed.iter().find(is_same) else { continue };
+            let Some(known) = pushed.iter().find(is_same) else { continue };
             contact.impulse = known.impulse;
             let along = known.impulse.dot(known.normal);
             let slid =

@@ -24,9 +24,9 @@ use super::patch_starts::PatchStarts;
 /// large. With less, points that are soon needed are missing; with more, there are more points.
 const NEAR: f32 = 0.25;
 
-/// Largest number of points that near: some fewer than a step takes, since others come near until the next
-/// query.
-const MAX_NEAR: usize = 3 * MAX_UNILATERAL / 4;
+/// Largest number of points that near. With more, steps take longer in close fits; with fewer, surfaces that
+/// lie along each other touch between points.
+const MAX_NEAR: usize = 3 * MAX_UNILATERAL;
 
 /// Largest number of times that cells are doubled.
 const MAX_DOUBLINGS: u32 = 8;
@@ -133,7 +133,7 @@ pub(super) struct Limits {
     pub reach: f64,
     /// Edge of the smallest cells, m.
     pub edge: f64,
-    /// Distance within which at most [`MAX_UNILATERAL`] points are, since a step may meet all of them, m.
+    /// Distance within which at most [`MAX_NEAR`] points are, since a step may meet all of them, m.
     pub near: f64,
 }
 

@@ -1,5 +1,6 @@
 //! Steps with unilateral contacts against their optimality conditions and penalty contacts in the limit.
 
+mod many;
 mod motion;
 
 use arrayvec::ArrayVec;
@@ -102,7 +103,7 @@ impl Rig {
 }
 
 fn contact(arm: DVec3, normal: DVec3, gap: f64) -> UnilateralContact {
-    UnilateralContact { arm, normal, gap, velocity: DVec3::ZERO, friction: 0.0, impulse: DVec3::ZERO }
+    UnilateralContact { arm, normal, gap, velocity: DVec3::ZERO, friction: 0.0, impulse: DVec3::ZERO, key: 0 }
 }
 
 /// Contacts at arms of 2 cm, with gaps that a step may close, and overlaps.

@@ -1,0 +1,57 @@
+//! Steps with more contacts than impulses are found for: those that the step presses against make up a
+//! working set; the others, which mostly lie beside them on the same surface, are checked. Those that the
+//! step would pass take the places of contacts that do not push, and the step is solved again.
+
+use palpate_core::Twist;
+
+use super::{MAX_UNILATERAL, UnilateralContact};
+
+/// Largest number of times that contacts are exchanged. With fewer, more steps are shortened.
+pub(super) const MAX_EXCHANGES: u32 = 4;
+
+/// Approach beyond its limit with which a contact counts as passed, m/s: a nanometre in a step.
+const PASSED: f64 = 1e-6;
+
+/// Splits off the contacts that are not solved for.
+fn split(contacts: &mut [UnilateralContact]) -> (&mut [UnilateralContact], &mut [UnilateralContact]) {
+    contacts.split_at_mut(contacts.len().min(MAX_UNILATERAL))
+}
+
+/// Moves the contacts to solve for to the front, if not all of them can be: those that pushed in the last
+/// step, and those that the free velocity passes most. The others do not push.
+pub(super) fn choose(contacts: &mut [UnilateralContact], free: &Twist, (dt, recovery): (f64, f64)) {
+    if contacts.len() <= MAX_UNILATERAL {
+        return;
+    }
+    let room = |contact: &UnilateralContact| {
+        let pushed = contact.normal.dot(contact.impulse) > 0.0;
+        if pushed { f64::NEG_INFINITY } else { -contact.excess(free, dt, recovery) }
+    };
+    contacts.select_nth_unstable_by(MAX_UNILATERAL - 1, |a, b| room(a).total_cmp(&room(b)));
+    for other in split(contacts).1 {
+        other.impulse = Default::default();
+    }
+}
+
+/// Exchanges contacts that do not push for others that a velocity passes. Returns whether there were any.
+pub(super) fn exchange(contacts: &mut [UnilateralContact], held: &Twist, (dt, recovery): (f64, f64)) -> bool {
+    let (solved, others) = split(contacts);
+    let mut spare = solved.iter_mut().filter(|contact| contact.normal.dot(contact.impulse) <= 0.0);
+    let mut exchanged = false;
+    for other in others.iter_mut().filter(|other| other.excess(held, dt, recovery) > PASSED) {
+        let Some(spare) = spare.next() else { break };
+        std::mem::swap(spare, other);
+        other.impulse = Default::default();
+        exchanged = true;
+    }
+    exchanged
+}
+
+/// Share of a step at which it reaches the first surface of those that are not solved for. Overlaps are left
+/// to the next step, which solves for them first.
+pub(super) fn share(contacts: &mut [UnilateralContact], held: &Twist, dt: f64) -> f64 {
+    split(contacts).1.iter().filter(|other| other.gap > 0.0).fold(1.0, |share: f64, other| {
+        let excess = other.excess(held, dt, 0.0);
+        if excess > PASSED { share.min(other.gap / (other.gap + dt * excess)) } else { share }
+    })
+}
