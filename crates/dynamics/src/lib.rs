@@ -91,7 +91,7 @@ pub use integrators::{Integrator, SemiImplicit};
 pub use jacobian::{Block6, WrenchJacobian};
 pub use mapping::DeviceMapping;
 pub use passivity::{PassivityController, PassivityObserver};
-pub use port::{PortAxes, PortLimits, Sampling};
+pub use port::{LONGEST_LAG, PortAxes, PortLimits, Sampling};
 pub use saturation::{SlewLimit, angular_spring_torque, saturate, spring_force};
 pub use step::{Frame, MAX_SOLVES, Step, StepFailure, StepStatus, semi_implicit_step};
 pub use unilateral::{ConstrainedStep, MAX_UNILATERAL, MotionBound, UnilateralContact, constrained_step};

@@ -43,7 +43,10 @@
 //! for the spring alone, if K + B/(τ + T) ≤ 2 f_c/Δ, whatever the delay.
 //!
 //! So the damper stays critical for the body, and the device's velocity gets the lag that the
-//! device's damping requires ([`PortAxes::velocity_lag`]). The body's own motion is damped without lag. For a
+//! device's damping requires ([`PortAxes::velocity_lag`]). The lag grows with the body's mass; a damper that
+//! lags by much is felt as a spring, and the body's own changes of velocity, as at each facet that it slides
+//! over, as jolts of B Δv. Heavy bodies are therefore damped by less ([`VirtualCoupling::damped_within`]).
+//! The body's own motion is damped without lag. For a
 //! free body the port stays passive at every frequency: with m = k = 1 and damping B it has Re Z(jω) ∝ B + τ
 //! B² + τ² B > 0; with a delay this holds numerically (the test
 //! `a_free_body_needs_no_more_than_one_that_stands_still`).
@@ -92,6 +95,9 @@ const DAMPER_SHARE: f64 = 0.1;
 /// Share of the rotation's stiffness that the force at the end of a lever may use; the rest holds the
 /// object's orientation.
 const LEVER_SHARE: f64 = 0.5;
+/// Longest lag of the device's velocity that a coupling needs by default, s. With more, heavy bodies are felt
+/// to jolt on facets and encoder steps; with less, they swing longer on the coupling.
+pub const LONGEST_LAG: f64 = 0.012;
 /// Period for which makers state stable gains, s.
 const MAKER_PERIOD: f64 = 1e-3;
 
@@ -198,6 +204,19 @@ impl PortAxes {
         let sampled = if load.damping <= room { 0.0 } else { usable(sampled) };
         let rounded = load.damping_answer / self.rounding_room(load.stiffness_answer) - sampling.period;
         sampled.max(usable(rounded))
+    }
+
+    /// Largest share of a load's damping that needs a lag of at most [`LONGEST_LAG`], up to 1.
+    fn share_within(&self, load: &Load, sampling: &Sampling) -> f64 {
+        let room = self.room(load.stiffness, sampling);
+        if !self.is_rendered() || room <= 0.0 {
+            return 1.0;
+        }
+        let sampled =
+            room * (LONGEST_LAG + 0.5 * sampling.period) / (load.damping * sampling.effective_delay());
+        let rounding = self.rounding_room(load.stiffness_answer);
+        let rounded = rounding * (LONGEST_LAG + sampling.period) / load.damping_answer;
+        sampled.min(rounded).min(1.0)
     }
 
     /// The largest damping (N·s/m, N·m·s/rad) that is passive beside a coupling on a velocity that lags by
@@ -416,13 +435,25 @@ impl VirtualCoupling {
     /// Makes a coupling for `body` held at `grasp` by a device with the given limits. Its springs are as
     /// stiff as the device renders passively with a margin ([`PortAxes::largest_stiffness`]), with its
     /// [lever](PortLimits::lever) accounted for, no stronger than the device, and damped critically
-    /// ([`Self::critically_damped`]). They have 500 N/m and 3 N·m/rad, the upper values of §5.5.1, if nothing
-    /// limits the stiffness or nothing is rendered.
+    /// ([`Self::critically_damped`]), for heavy bodies less ([`Self::damped_within`]). They have 500 N/m and
+    /// 3 N·m/rad, the upper values of §5.5.1, if nothing limits the stiffness or nothing is rendered.
     ///
     /// The damper is passive at the port only with the lag of [`PortLimits::velocity_lags`].
     pub fn auto(body: &Body, grasp: Pose, limits: &PortLimits) -> Self {
         let (linear, angular) = limits.stiffest();
-        Self::critically_damped(body, grasp, linear, angular).limited_to(limits)
+        Self::critically_damped(body, grasp, linear, angular).limited_to(limits).damped_within(limits)
+    }
+
+    /// Lowers the damping to what needs a lag of the device's velocity of at most [`LONGEST_LAG`].
+    pub fn damped_within(mut self, limits: &PortLimits) -> Self {
+        let PortLimits { translation, rotation, sampling, .. } = limits;
+        let loads = limits.loads(&self);
+        let linear = translation.share_within(&loads.0, sampling);
+        let angular = rotation.share_within(&loads.1, sampling);
+        // At a lever the force loads the rotation, too.
+        self.linear_damping *= if limits.lever > 0.0 { linear.min(angular) } else { linear };
+        self.angular_damping *= angular;
+        self
     }
 
     /// Limits the springs to the peaks of a device, so that pressing harder than it can

@@ -296,6 +296,39 @@ fn a_coupling_at_a_lever_is_passive_in_translation_and_rotation_together() {
     assert!(without > 200 && apart > 20 && unequal > 100, "{without}, {apart}, {unequal} of 1000");
 }
 
+/// Couplings need lags of at most [`LONGEST_LAG`], and are damped critically if that does not.
+#[test]
+fn heavy_bodies_are_damped_by_what_the_longest_lag_allows() {
+    let seed = 5;
+    let mut rng = StdRng::seed_from_u64(seed);
+    let (mut critical, mut less) = (0, 0);
+    for case in 0..1000 {
+        let (body, size) = random_body(&mut rng);
+        let period = 1.0 / rng.random_range(500.0..5000.0);
+        let sampling = sampling(period, random_delay(&mut rng, case % 2, period));
+        let lever = if case % 3 == 0 { 0.0 } else { 10_f64.powf(rng.random_range(-4.0..-1.0)) };
+        let limits = limits(sampling).with_lever(lever);
+        let grasp = Pose::from_translation(DVec3::X * rng.random_range(0.0..size));
+        let (linear, angular) = limits.stiffest();
+        let full = VirtualCoupling::critically_damped(&body, grasp, linear, angular);
+        let lowered = full.damped_within(&limits);
+        let lag = |coupling| {
+            let (linear, angular) = limits.velocity_lags(coupling);
+            linear.max(angular)
+        };
+        assert!(lag(&lowered) <= LONGEST_LAG * (1.0 + 1e-9), "seed {seed}, case {case}: {} s", lag(&lowered));
+        if lag(&full) <= LONGEST_LAG {
+            assert_eq!(lowered, full, "seed {seed}, case {case}");
+            critical += 1;
+        } else if lever == 0.0 {
+            // By no more than needed.
+            assert!(lag(&lowered) > LONGEST_LAG * (1.0 - 1e-9), "seed {seed}, case {case}");
+            less += 1;
+        }
+    }
+    assert!(critical > 100 && less > 100, "{critical} critical, {less} less");
+}
+
 #[test]
 fn a_lever_takes_of_the_rotation_and_then_of_the_translation() {
     let at = |lever| limits(sampling(1e-3, 0.0)).with_lever(lever).stiffest();

@@ -54,14 +54,11 @@ const RISE_TIME: f64 = 0.03;
 /// Longest time between two readings over which motion is predicted, s.
 const LONGEST_INTERVAL: f64 = 0.025;
 
-/// Factor on ω in slow motion and on its rise, for each second of the damper's lag, at least 1. The more the
-/// damper lags, the less it damps the handle's swing on the coupling, and the sooner the tracker must follow.
-const HASTE_BY_LAG: f64 = 100.0;
-
-/// Longest lag of a damper's velocity with which motion is estimated, s. A damper that lags by more damps the
-/// handle's swing on the coupling hardly at all, and an estimate that trails would let the swing grow further
-/// than readings do (the test `estimates_let_a_handle_swing_no_further_than_readings`).
-pub(crate) const LONGEST_LAG: f64 = 0.015;
+/// Longest lag of a damper's velocity with which motion is estimated, s: that of couplings as they are by
+/// default, with room for rounding. A damper that lags by more damps the handle's swing on the coupling
+/// hardly at all, and an estimate that trails would let the swing grow further than readings do (the test
+/// `estimates_let_a_handle_swing_no_further_than_readings`).
+const LONGEST_LAG: f64 = 1.001 * palpate_dynamics::LONGEST_LAG;
 
 /// Distance from the reading, in steps, below which a handle is at rest: with none, the tracker would
 /// approach it for ever.
@@ -72,8 +69,6 @@ const REST: f64 = 1e-6;
 pub(crate) struct StepObserver {
     /// Δ, m or rad; with 0 the estimates are the readings.
     step: f64,
-    /// Factor on the smallest ω and on its rise.
-    haste: f64,
     /// x̂ less the reading: at most half a step by axis.
     offset: DVec3,
     velocity: DVec3,
@@ -86,14 +81,16 @@ impl StepObserver {
     /// Starts at rest at the reading, with steps in m or rad, for a damper on a velocity with a lag (s).
     pub fn new(step: f64, lag: f64) -> Self {
         let step = if step.is_finite() && lag <= LONGEST_LAG { step.max(0.0) } else { 0.0 };
-        Self { step, haste: (HASTE_BY_LAG * lag).max(1.0), ..Self::default() }
+        Self { step, ..Self::default() }
     }
 
     /// Sets the steps (m or rad) and the damper's lag, s. If it estimates from now on, or no more, it starts
     /// anew at the reading.
     pub fn set(&mut self, step: f64, lag: f64) {
         let new = Self::new(step, lag);
-        *self = if new.step == self.step { Self { haste: new.haste, ..*self } } else { new };
+        if new.step != self.step {
+            *self = new;
+        }
     }
 
     /// The estimate less the reading, m or rad.
@@ -103,7 +100,7 @@ impl StepObserver {
 
     /// Starts anew at the reading.
     pub fn reset(&mut self) {
-        *self = Self { step: self.step, haste: self.haste, ..Self::default() };
+        *self = Self { step: self.step, ..Self::default() };
     }
 
     /// Stops the estimate where it is.
@@ -135,7 +132,7 @@ impl StepObserver {
         self.offset = tracked.clamp(-half, half);
         let cut = self.offset - tracked;
         self.correct(&gains, cut, interval);
-        let rise = cut.abs() * (RISE_BY_STEP * self.haste / step);
+        let rise = cut.abs() * (RISE_BY_STEP / step);
         self.rise = (self.rise + rise) / (1.0 + interval / RISE_TIME);
         self.settle(interval);
         moved + self.offset - before
@@ -144,7 +141,7 @@ impl StepObserver {
     /// ω of the tracker, rad/s.
     fn rate(&self) -> DVec3 {
         let steps = self.velocity.abs() / self.step;
-        let (least, most) = ((EVEN_RATES.0 * self.haste).min(EVEN_RATES.1), EVEN_RATES.1);
+        let (least, most) = EVEN_RATES;
         let even = (RATE_BY_STEPS * steps).clamp(DVec3::splat(least), DVec3::splat(most));
         (even * (1.0 + self.rise)).min(DVec3::splat(FASTEST_RATE))
     }

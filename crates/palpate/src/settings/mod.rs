@@ -102,14 +102,16 @@ pub struct CouplingSettings {
     /// ([`VirtualCoupling::auto`](palpate_dynamics::VirtualCoupling::auto)); 500 N/m where the device sets
     /// no limit.
     pub stiffness: Option<f64>,
-    /// Damping b_c of the virtual coupling, N·s/m; by default critical.
+    /// Damping b_c of the virtual coupling, N·s/m; by default critical, and less for heavy objects, whose
+    /// damper would lag by more than 12 ms
+    /// ([`VirtualCoupling::damped_within`](palpate_dynamics::VirtualCoupling::damped_within)).
     pub damping: Option<f64>,
     /// Angular stiffness k_θ of the virtual coupling in the world, N·m/rad; by default chosen as the
     /// stiffness is, 3 N·m/rad where the device sets no limit or renders no torque.
     pub angular_stiffness: Option<f64>,
     /// Angular damping b_θ of the virtual coupling, N·m·s/rad; by default critical for the largest principal
-    /// moment of inertia about the grasp. Both dampers act on a velocity of the device that lags as much as
-    /// passivity requires.
+    /// moment of inertia about the grasp, and less for heavy objects. Both dampers act on a velocity of the
+    /// device that lags as much as passivity requires.
     pub angular_damping: Option<f64>,
 }
 

@@ -178,7 +178,8 @@ fn coupling(settings: &Settings, body: &Body, grasp: Pose, limits: &PortLimits) 
     let chosen = VirtualCoupling::auto(body, grasp, &limits);
     let linear = settings.coupling.stiffness.unwrap_or(chosen.linear_stiffness);
     let angular = settings.coupling.angular_stiffness.unwrap_or(chosen.angular_stiffness);
-    let mut coupling = VirtualCoupling::critically_damped(body, grasp, linear, angular).limited_to(&limits);
+    let critical = VirtualCoupling::critically_damped(body, grasp, linear, angular);
+    let mut coupling = critical.limited_to(&limits).damped_within(&limits);
     coupling.linear_damping = settings.coupling.damping.unwrap_or(coupling.linear_damping);
     coupling.angular_damping = settings.coupling.angular_damping.unwrap_or(coupling.angular_damping);
     coupling
