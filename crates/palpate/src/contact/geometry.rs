@@ -136,7 +136,7 @@ impl ContactGeometry {
                 else {
                     continue;
                 };
-                let measured = guarded.measure(&frames, f64::from(*slack));
+                let measured = guarded.measure(&frames);
                 let gap = measured.distance - *margin;
                 *slack = gap as f32;
                 if gap > reach {

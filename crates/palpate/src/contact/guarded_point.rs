@@ -26,10 +26,9 @@ const MIN_DESCENT: f64 = 1e-8;
 /// where the far side of a wall looks like a deep overlap.
 const ROUNDING: f64 = 1e-6;
 
-/// Fall of a distance beyond how far the bodies have moved at which it is searched for anew, m. With more, the
-/// far side of a wall is taken for an overlap; with less, a point that overlaps a thin wall may come out on
-/// its other side.
-const FALLEN: f64 = 5e-5;
+/// Overlap from which a point is searched for in the whole surface, m. With more, the far side of a wall is
+/// taken for an overlap; with less, a point that overlaps a thin wall may come out on its other side.
+const DEEP: f64 = 5e-5;
 
 /// A point on the vertices and edges of one surface, kept where it is nearest to the other.
 #[derive(Clone, Copy, Debug)]
@@ -101,7 +100,7 @@ impl GuardedPoint {
         let face = other.nearest(to_other.transform_point3(home)).face;
         let leash = Leash { home: home.as_vec3(), length: length as f32 };
         let mut point = Self { place, leash, face, object: index, is_probe, stride: 1.0, slack: 0.0 };
-        point.slack = point.descend(frames, f64::NEG_INFINITY, MAX_FIRST_MOVES).1.distance as f32;
+        point.slack = point.descend(frames, MAX_FIRST_MOVES).1.distance as f32;
         point
     }
 
@@ -115,15 +114,13 @@ impl GuardedPoint {
         }
         let mut point = *self;
         point.leash = Leash { home: home.as_vec3(), length: length as f32 };
-        // Where it seems to overlap, its nearest face may have changed.
-        point.slack = point.descend(frames, 0.0, MAX_FIRST_MOVES).1.distance as f32;
+        point.slack = point.descend(frames, MAX_FIRST_MOVES).1.distance as f32;
         Some(point)
     }
 
-    /// Moves the point to where its surface is nearest to the other one, and measures it. By how far the
-    /// bodies have moved since it was measured, its distance is at `least` (m).
-    pub fn measure(&mut self, frames: &Frames<'_>, least: f64) -> Measured {
-        let (position, closest) = self.descend(frames, least, MAX_MOVES);
+    /// Moves the point to where its surface is nearest to the other one, and measures it.
+    pub fn measure(&mut self, frames: &Frames<'_>) -> Measured {
+        let (position, closest) = self.descend(frames, MAX_MOVES);
         if self.is_probe {
             let outward = frames.object.1.transform_vector3(closest.normal);
             let point = frames.probe.1.transform_point3(position);
@@ -150,21 +147,25 @@ impl GuardedPoint {
     /// Moves the point down, in at most so many moves. Returns its position in its own body's frame (m), and
     /// the point of the other surface nearest to it, in that body's frame.
     ///
-    /// A walk over faces may end on the far side of a wall, which looks like a deep overlap. But a distance
-    /// falls by no more than the point has moved: one below `least` (m) is searched for in the whole surface,
-    /// and a move that falls by more is not made.
-    fn descend(&mut self, frames: &Frames<'_>, least: f64, moves: u32) -> (DVec3, ClosestPoint) {
+    /// A walk over faces may end on the far side of a wall, which looks like a deep overlap. So where a point
+    /// seems to overlap, its distance is searched for in the whole surface; and since a distance falls by no
+    /// more than the point has moved, a move on which it falls by more is not made.
+    fn descend(&mut self, frames: &Frames<'_>, moves: u32) -> (DVec3, ClosestPoint) {
         let Frames { probe, object, to_object, to_probe } = frames;
         let (own, other, to_other, to_own) = if self.is_probe {
             (probe.0, object.0, to_object, to_probe)
         } else {
             (object.0, probe.0, to_probe, to_object)
         };
+        let checked = |position: DVec3, found: ClosestPoint| {
+            if found.distance > -DEEP {
+                return found;
+            }
+            let nearest = other.nearest(to_other.transform_point3(position));
+            if nearest.distance > found.distance + ROUNDING { nearest } else { found }
+        };
         let mut position = own.position(&self.place);
-        let mut closest = other.walk(to_other.transform_point3(position), self.face);
-        if closest.distance < least - FALLEN {
-            closest = other.nearest(to_other.transform_point3(position));
-        }
+        let mut closest = checked(position, other.walk(to_other.transform_point3(position), self.face));
         let mut stride = self.stride;
         for _ in 0..moves {
             let normal = to_own.transform_vector3(closest.normal);
@@ -185,6 +186,7 @@ impl GuardedPoint {
             stride = (LONGER * stride).min(1.0);
             (self.place, position, closest) = (place, next, found);
         }
+        closest = checked(position, closest);
         self.stride = stride.max(MIN_STRIDE);
         self.face = closest.face;
         (position, closest)

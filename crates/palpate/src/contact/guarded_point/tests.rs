@@ -42,9 +42,9 @@ fn measure(
     object: (&FeatureMesh, &Pose),
 ) -> Measured {
     // As many steps as pass between two queries.
-    let mut measured = point.measure(&Frames::new(probe, object), f64::NEG_INFINITY);
+    let mut measured = point.measure(&Frames::new(probe, object));
     for _ in 0..20 {
-        measured = point.measure(&Frames::new(probe, object), f64::NEG_INFINITY);
+        measured = point.measure(&Frames::new(probe, object));
     }
     measured
 }
@@ -110,7 +110,7 @@ fn a_point_follows_the_lowest_corner_of_a_turning_box() {
         // At 2 rad/s for a radian, in steps of 1 ms.
         for step in 0..=500 {
             let pose = turned(f64::from(step) * 2e-3);
-            let found = point.measure(&Frames::new((&cube, &pose), (&plate, &at)), f64::NEG_INFINITY);
+            let found = point.measure(&Frames::new((&cube, &pose), (&plate, &at)));
             let lowest = corners(&pose).expect("corners");
             let now = pose.inverse().transform_point(lowest);
             changes += u32::from(now.distance(place) > 1e-3);
