@@ -15,7 +15,7 @@ use palpate_field::FeatureMesh;
 use super::guarded_point::{Frames, GuardedPoint};
 
 /// Largest number of guarded points.
-pub(crate) const MAX_POINTS: usize = 384;
+pub(crate) const MAX_POINTS: usize = 768;
 
 /// Largest number of scene objects near the body.
 pub(crate) const MAX_OBJECTS: usize = 8;

@@ -20,16 +20,20 @@ use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, NearObject};
 use super::guarded_point::{Frames, GuardedPoint};
 use super::patch_starts::PatchStarts;
 
-/// Distance of surfaces up to which cells have that edge, as a fraction of it; twice as far they are twice as
-/// large. With less, points that are soon needed are missing; with more, there are more points.
+/// Distance of surfaces up to which cells are smallest, as a fraction of their edge; beyond it they grow. With
+/// less, points that are soon needed are missing; with more, there are more points.
 const NEAR: f32 = 0.25;
+
+/// Largest growth: cells as large as the first, second or third power of the distance. With less, cells are
+/// large where surfaces are near each other; with more, few points are left of a surface that is far.
+const MAX_GROWTH: u32 = 3;
 
 /// Largest number of points that near. With more, steps take longer in close fits; with fewer, surfaces that
 /// lie along each other touch between points.
 const MAX_NEAR: usize = 3 * MAX_UNILATERAL;
 
-/// Largest number of times that cells are doubled.
-const MAX_DOUBLINGS: u32 = 8;
+/// Largest coarseness of cells.
+const MAX_COARSENESS: u32 = 10;
 
 /// Largest number of cells whose points are made, some of which come out as the same. With more, a query
 /// takes longer.
@@ -85,8 +89,8 @@ pub(super) struct Guard {
     cells: HashMap<u64, u32, FixedState>,
     /// These indices, the nearest starts first: the order of a hash map is not reproducible.
     chosen: Vec<u32>,
-    /// Number of times that cells were doubled in the last query.
-    doublings: u32,
+    /// Coarseness of the last query's cells.
+    coarseness: u32,
     pub patches: PatchStarts,
     points: Vec<GuardedPoint>,
     known: Known,
@@ -98,15 +102,32 @@ struct Known {
     points: HashMap<u64, GuardedPoint, FixedState>,
     /// Those of this query.
     next: HashMap<u64, GuardedPoint, FixedState>,
-    /// What they are on, and the number of times that cells were doubled.
+    /// What they are on, and the cells' coarseness.
     objects: ArrayVec<Arc<FeatureMesh>, MAX_OBJECTS>,
-    doublings: u32,
+    coarseness: u32,
+}
+
+/// Sizes of cells. The coarser, the faster they first grow with the distance; then all are doubled.
+#[derive(Clone, Copy, Debug)]
+struct Cells {
+    /// Edge of the smallest, m.
+    edge: f64,
+    /// Power of the distance that they are as large as.
+    growth: u32,
+}
+
+impl Cells {
+    /// Cells of a coarseness, of which the finest have an edge (m).
+    fn new(edge: f64, coarseness: u32) -> Self {
+        let doublings = (coarseness + 1).saturating_sub(MAX_GROWTH);
+        Self { edge: edge * f64::from(1 << doublings), growth: (1 + coarseness).min(MAX_GROWTH) }
+    }
 }
 
 impl Known {
     fn new() -> Self {
         let empty = || HashMap::with_capacity_and_hasher(RESERVED, FixedState::default());
-        Self { points: empty(), next: empty(), objects: ArrayVec::new(), doublings: 0 }
+        Self { points: empty(), next: empty(), objects: ArrayVec::new(), coarseness: 0 }
     }
 
     fn step(&mut self) {
@@ -115,13 +136,13 @@ impl Known {
     }
 
     /// Forgets points that are on other objects, or started in other cells.
-    fn keep(&mut self, objects: &[NearObject], doublings: u32) {
+    fn keep(&mut self, objects: &[NearObject], coarseness: u32) {
         let same = self.objects.len() == objects.len()
             && self.objects.iter().zip(objects).all(|(own, near)| Arc::ptr_eq(own, &near.surface));
-        if !same || self.doublings != doublings {
+        if !same || self.coarseness != coarseness {
             self.points.clear();
             self.objects = objects.iter().map(|near| Arc::clone(&near.surface)).collect();
-            self.doublings = doublings;
+            self.coarseness = coarseness;
         }
     }
 }
@@ -153,10 +174,10 @@ impl Start {
         Self { on, is_probe, is_on_edge, object, side, leash: 0.0, distance, at }
     }
 
-    /// The cell, with an edge (m) where surfaces are near each other, and larger further away. Cells that are
-    /// 4096 edges apart have the same key.
-    fn cell(&self, edge: f32) -> u64 {
-        let size = ((self.distance / (NEAR * edge)).max(1.0) as u32).ilog2().min(8);
+    /// The cell. Those that are 4096 edges apart have the same key.
+    fn cell(&self, cells: &Cells) -> u64 {
+        let edge = cells.edge as f32;
+        let size = (cells.growth * ((self.distance / (NEAR * edge)).max(1.0) as u32).ilog2()).min(8);
         let scale = 1.0 / (edge * (1 << size) as f32);
         let [x, y, z] = (self.at * scale).floor().to_array().map(|at| (at as i32 & 0xFFF) as u64);
         let kind = u64::from(self.is_probe) | u64::from(self.is_on_edge) << 1;
@@ -171,7 +192,7 @@ impl Guard {
         Self {
             starts: Vec::with_capacity(RESERVED_STARTS),
             cells: HashMap::with_capacity_and_hasher(RESERVED, FixedState::default()),
-            doublings: 0,
+            coarseness: 0,
             chosen: Vec::with_capacity(RESERVED),
             patches: PatchStarts::new(),
             points: Vec::with_capacity(RESERVED),
@@ -180,33 +201,33 @@ impl Guard {
     }
 
     /// Makes the points of the starts: one for each cell. Where surfaces lie along each other, cells are made
-    /// larger until there is room. Returns the distance of the nearest point for which there is none, m, and
+    /// coarser until there is room. Returns the distance of the nearest point for which there is none, m, and
     /// the number of these.
     pub fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, limits: &Limits) -> (f64, usize) {
         // Bodies move little between queries: about as many cells as then come out as the same point. Cells
-        // are halved again where their points should fit.
+        // are made finer again where their points should fit.
         let same = self.points.len() as f64 / self.cells.len().max(1) as f64;
         let fit = |cells: usize, most: usize| cells as f64 * same <= most as f64;
-        while self.doublings > 0 {
-            self.choose((limits.edge * f64::from(1 << (self.doublings - 1))) as f32, MAX_CELLS);
+        while self.coarseness > 0 {
+            self.choose(&Cells::new(limits.edge, self.coarseness - 1), MAX_CELLS);
             let fits = fit(self.cells.len(), MAX_POINTS) && fit(self.near_cells(limits.near), MAX_NEAR);
             if !fits || self.are_too_many(limits.near) {
                 break;
             }
-            self.doublings -= 1;
+            self.coarseness -= 1;
         }
         loop {
-            let edge = limits.edge * f64::from(1 << self.doublings);
-            let is_last = self.doublings == MAX_DOUBLINGS;
-            self.choose(edge as f32, if is_last { usize::MAX } else { MAX_CELLS });
+            let cells = Cells::new(limits.edge, self.coarseness);
+            let is_last = self.coarseness == MAX_COARSENESS;
+            self.choose(&cells, if is_last { usize::MAX } else { MAX_CELLS });
             if is_last || !self.are_too_many(limits.near) {
-                self.make(geometry, mesh, limits, edge);
+                self.make(geometry, mesh, limits, &cells);
                 let near = self.points.iter().filter(|point| f64::from(point.slack) < limits.near).count();
                 if is_last || (self.points.len() <= MAX_POINTS && near <= MAX_NEAR) {
                     break;
                 }
             }
-            self.doublings += 1;
+            self.coarseness += 1;
         }
         geometry.points.extend(self.points.iter().take(MAX_POINTS).copied());
         let nearest = self.points.get(MAX_POINTS).map_or(f64::INFINITY, |point| point.slack.into());
@@ -226,10 +247,10 @@ impl Guard {
     }
 
     /// Chooses the nearest start of each cell, and ends early with more than `most` cells.
-    fn choose(&mut self, edge: f32, most: usize) {
+    fn choose(&mut self, cells: &Cells, most: usize) {
         self.cells.clear();
         for (index, start) in self.starts.iter().enumerate() {
-            let nearest = self.cells.entry(start.cell(edge)).or_insert(index as u32);
+            let nearest = self.cells.entry(start.cell(cells)).or_insert(index as u32);
             if start.distance < self.starts[*nearest as usize].distance {
                 *nearest = index as u32;
             }
@@ -239,12 +260,12 @@ impl Guard {
         }
     }
 
-    /// Makes the points of the chosen starts within reach, in cells with an edge (m), the nearest first.
-    fn make(&mut self, geometry: &ContactGeometry, mesh: &Pose, limits: &Limits, edge: f64) {
+    /// Makes the points of the chosen starts within reach, the nearest first.
+    fn make(&mut self, geometry: &ContactGeometry, mesh: &Pose, limits: &Limits, cells: &Cells) {
         self.points.clear();
         self.chosen.clear();
         self.chosen.extend(self.cells.values());
-        self.known.keep(&geometry.objects, self.doublings);
+        self.known.keep(&geometry.objects, self.coarseness);
         let Self { starts, chosen, known, points, .. } = &mut *self;
         let distance = |index: u32| starts[index as usize].distance;
         chosen.sort_unstable_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)));
@@ -258,8 +279,8 @@ impl Guard {
                 StartPlace::Known(place) => place,
                 StartPlace::Near(home) => frames.own(is_probe).place_near(home.as_dvec3()),
             };
-            let within = (place, edge.max(leash.into()));
-            let key = start.cell(edge as f32);
+            let within = (place, cells.edge.max(leash.into()));
+            let key = start.cell(cells);
             let before = known.points.get(&key).and_then(|known| known.resumed(within, frames));
             // It may have gone on to where a surface is no longer the nearest.
             let point = before

@@ -30,6 +30,13 @@ const MARGIN: f64 = 7e-5;
 /// where it is when it starts to move.
 const MIN_REACH: f64 = 2.0;
 
+/// The same if it was so large that patches had more starts than [`MAX_STARTS`]. With less, a fast body waits
+/// near surfaces; with more, queries take longer.
+const NARROW_REACH: f64 = 4.0;
+
+/// Largest number of starts in patches that is tried.
+const MAX_STARTS: usize = 65_536;
+
 /// Length of long edges, in edges of cells. With more, samples of faces leave out places at which coarse
 /// meshes touch; with less, edges of fine meshes are sampled one by one.
 const LONG: f64 = 2.0;
@@ -88,7 +95,8 @@ impl ContactLoop {
         let tolerance = self.parameters.tolerance;
         let ahead = self.lookahead.horizon(interval);
         let motion = self.lookahead.motion_bound(&body.twist, self.fastest, ahead);
-        let reach = in_steps(tolerance + motion, tolerance).max(MIN_REACH * tolerance).min(self.max_reach());
+        let mut reach =
+            in_steps(tolerance + motion, tolerance).max(MIN_REACH * tolerance).min(self.max_reach());
         let radius = self.probe.bounding_radius();
         let mut geometry = ContactGeometry {
             probe: self.probe.features()?,
@@ -111,7 +119,15 @@ impl ContactLoop {
             let reaches = (reach, enough.min(self.probe.shape().max_tolerance()));
             self.start_in_fields(&mut guard, &mut geometry, (&mesh, edge), reaches, &mut report)
         } else {
-            self.start_at_patches(&mut guard, &mut geometry, (&mesh, edge), reach, &mut report)
+            let at = (&mesh, edge);
+            let wide = self.start_at_patches(&mut guard, &mut geometry, at, (reach, MAX_STARTS), &mut report);
+            wide.unwrap_or_else(|| {
+                reach = reach.min(NARROW_REACH * tolerance);
+                guard.starts.clear();
+                geometry.objects.clear();
+                let all = (reach, usize::MAX);
+                self.start_at_patches(&mut guard, &mut geometry, at, all, &mut report).unwrap_or(0.0)
+            })
         };
         let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
         let (nearest, dropped) = guard.fill(&mut geometry, &mesh, &Limits { reach, edge, near });
@@ -195,15 +211,15 @@ impl ContactLoop {
     }
 
     /// Starts points where patches within a reach (m) may touch. Returns how far the body may move before
-    /// it could touch something else, m.
+    /// it could touch something else, m; `None` if there are more than `most` starts.
     fn start_at_patches(
         &mut self,
         guard: &mut Guard,
         geometry: &mut ContactGeometry,
         (mesh, edge): (&Pose, f64),
-        reach: f64,
+        (reach, most): (f64, usize),
         report: &mut QueryReport,
-    ) -> f64 {
+    ) -> Option<f64> {
         let settings = QuerySettings::new(reach);
         let mut finder = LevelFinder { scene: &mut self.scene, settings };
         let complete = finder.find(mesh, report);
@@ -222,6 +238,9 @@ impl ContactLoop {
             };
             let Guard { starts, patches, .. } = &mut *guard;
             for patch in found.contacts {
+                if starts.len() > most {
+                    return None;
+                }
                 let contact = patch.contact;
                 let mut start = |at: DVec3, is_probe: bool, distance: f64, along: Option<DVec3>| {
                     let on_probe = to_probe.transform_point(at);
@@ -249,6 +268,6 @@ impl ContactLoop {
             }
             geometry.objects.push(object);
         }
-        room
+        Some(room)
     }
 }

@@ -177,9 +177,11 @@ impl ToContact {
     /// Passes the contact models that have arrived for each body to the haptic loop.
     pub fn receive<T: Tool>(all: &mut [Self], haptic: &mut HapticLoop<T>) {
         for (body, channels) in all.iter_mut().enumerate() {
-            while let Ok(update) = channels.models.pop() {
-                haptic.take_model(body, &update);
-            }
+            // Read in place: a model is large.
+            let Ok(arrived) = channels.models.read_chunk(channels.models.slots()) else { continue };
+            let (first, second) = arrived.as_slices();
+            first.iter().chain(second).for_each(|update| haptic.take_model(body, update));
+            arrived.commit_all();
         }
     }
 
