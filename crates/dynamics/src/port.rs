@@ -97,7 +97,7 @@ const DAMPER_SHARE: f64 = 0.1;
 const LEVER_SHARE: f64 = 0.5;
 /// Longest lag of the device's velocity that a coupling needs by default, s. With more, heavy bodies are felt
 /// to jolt on facets and encoder steps; with less, they swing longer on the coupling.
-pub const LONGEST_LAG: f64 = 0.012;
+pub const LONGEST_LAG: f64 = 0.01;
 /// Period for which makers state stable gains, s.
 const MAKER_PERIOD: f64 = 1e-3;
 

@@ -20,8 +20,8 @@ use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, NearObject};
 use super::guarded_point::{Frames, GuardedPoint};
 use super::patch_starts::PatchStarts;
 
-/// Distance of surfaces up to which cells are smallest, as a fraction of their edge; beyond it they grow. With
-/// less, points that are soon needed are missing; with more, there are more points.
+/// Distance of surfaces up to which cells are smallest, as a fraction of their edge; beyond it they grow.
+/// With less, points that are soon needed are missing; with more, there are more points.
 const NEAR: f32 = 0.25;
 
 /// Largest growth: cells as large as the first, second or third power of the distance. With less, cells are

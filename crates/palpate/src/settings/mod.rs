@@ -103,7 +103,7 @@ pub struct CouplingSettings {
     /// no limit.
     pub stiffness: Option<f64>,
     /// Damping b_c of the virtual coupling, N·s/m; by default critical, and less for heavy objects, whose
-    /// damper would lag by more than 12 ms
+    /// damper would lag by more than 10 ms
     /// ([`VirtualCoupling::damped_within`](palpate_dynamics::VirtualCoupling::damped_within)).
     pub damping: Option<f64>,
     /// Angular stiffness k_θ of the virtual coupling in the world, N·m/rad; by default chosen as the
