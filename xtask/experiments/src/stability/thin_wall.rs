@@ -7,9 +7,11 @@ use std::sync::atomic::AtomicBool;
 use palpate::device::{Emulation, Hand, IntendedPath};
 use palpate::glam::DVec3;
 use palpate::models::Model;
-use palpate::settings::{ContactSettings, SearchSettings};
+use palpate::settings::{ContactSettings, Response, SearchSettings};
 use palpate::{ContactTiming, HapticRenderer, Object, Pose, Scene, Settings, Twist};
 use palpate_report::{CellAxis, HeatMap};
+use rand::rngs::StdRng;
+use rand::{RngExt as _, SeedableRng as _};
 
 use super::grid::{Plan, pairs};
 use super::meshes;
@@ -25,22 +27,36 @@ const SPEED_UP: f64 = 0.15;
 const CRUISE: f64 = 0.1;
 const AFTER_TOUCH: f64 = 0.35;
 
+/// Thinnest wall, m, and fastest hand, m/s, of the hits of [`Endurance`], and rate of their contacts, Hz.
+const THINNEST: f64 = 2e-4;
+const FASTEST: f64 = 2.0;
+const SLOWEST_CONTACTS: f64 = 50.0;
+/// Number of these hits: a million steps.
+const ENDURED: usize = 1700;
+
 /// Settings that keep the object on its side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Method {
     name: &'static str,
+    response: Response,
     braking: bool,
     proxy: bool,
 }
 
-/// Compared methods. The last one is the default.
-const METHODS: [Method; 4] = [
-    Method { name: "neither", braking: false, proxy: false },
-    Method { name: "braking", braking: true, proxy: false },
-    Method { name: "proxy", braking: false, proxy: true },
+const fn penalties(name: &'static str, braking: bool, proxy: bool) -> Method {
+    Method { name, response: Response::Penalty, braking, proxy }
+}
+
+/// Compared methods. The last one is the default, which is judged.
+const METHODS: [Method; 5] = [
+    penalties("penalties", false, false),
+    penalties("penalties, braking", true, false),
+    penalties("penalties, proxy", false, true),
+    penalties("penalties, both", true, true),
     DEFAULT,
 ];
-const DEFAULT: Method = Method { name: "both", braking: true, proxy: true };
+const DEFAULT: Method =
+    Method { name: "constraints", response: Response::Constraints, braking: true, proxy: true };
 
 /// Parameters of a hit.
 #[derive(Clone, Copy, Debug)]
@@ -62,6 +78,17 @@ struct Hit {
     speed: f64,
     largest_force: f64,
     port_energy: f64,
+    steps: u32,
+}
+
+/// Hits of the thinnest wall with the slowest contacts, at random speeds and times.
+struct Endurance {
+    steps: u32,
+    hits: usize,
+    /// Numbers of hits that went through with the default, and with penalties and braking: the negative
+    /// control.
+    through: usize,
+    through_with_penalties: usize,
 }
 
 /// Makes the map.
@@ -87,6 +114,7 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
         let case = Case { method: *method, rate: *rate, speed: *speed, phase: *phase };
         hit(&case, &probe, plate, 0.5 * thickness - lowest)
     })?;
+    let endurance = endure(plan, &probe, -lowest)?;
     let by_cell: Vec<&[Hit]> = hits.chunks(phases.len()).collect();
     let shares = pairs(&METHODS, &rates).into_iter().zip(by_cell.chunks(cells.len()));
     let shown = |method: &Method| *method == METHODS[0] || *method == DEFAULT;
@@ -146,8 +174,8 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
                 "An ellipsoid of {:.1} mm radius, in a relaxed grip, is driven at a plate that is 100 mm wide, and the \
                  hand means to stop 5 mm past the touch, each hit {} times with the contact queries differently in time. \
                  The session is the engine's own, with its contact query and default settings, but for what is to keep \
-                 the object on its side: braking before it touches, a proxy that does not pass through surfaces, \
-                 neither, or both.",
+                 the object on its side: constraints, or penalties with braking before it touches, a proxy that does not \
+                 pass through surfaces, neither, or both.",
                 1e3 * probe.bounding_radius(),
                 phases.len(),
             ),
@@ -155,6 +183,14 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
                 .iter()
                 .zip(METHODS)
                 .fold(String::new(), |text, (hits, method)| text + &described(&method, &rates, hits)),
+            format!(
+                "Of {} hits on a wall of {} mm at up to {FASTEST} m/s and at random times, with contacts at \
+                 {SLOWEST_CONTACTS} Hz, {} go through with constraints, and {} with penalties and braking.",
+                endurance.hits,
+                1e3 * THINNEST,
+                endurance.through,
+                endurance.through_with_penalties
+            ),
         ],
         pictures: vec![Picture {
             name: "thin-wall".to_owned(),
@@ -168,6 +204,16 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
                 "nothing pops through a wall",
                 popped == 0,
                 format!("{popped} of {} hits do", judged.len()),
+            ),
+            Verdict::new(
+                format!("{} mm are not passed in {} steps", 1e3 * THINNEST, endurance.steps),
+                endurance.through == 0,
+                format!("{} of {} hits pass", endurance.through, endurance.hits),
+            ),
+            Verdict::new(
+                "of the same hits some pass with penalties and braking",
+                endurance.through_with_penalties > 0,
+                format!("{} do", endurance.through_with_penalties),
             ),
             Verdict::new(
                 "the force stays within what the device renders",
@@ -185,6 +231,28 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
 
 fn through(hits: &[Hit]) -> usize {
     hits.iter().filter(|hit| hit.popped).count()
+}
+
+/// Hits the thinnest wall, which the probe touches at a height `touch` over its surface (m).
+fn endure(plan: &Plan, probe: &Object, touch: f64) -> Result<Endurance, String> {
+    let plate = meshes::block("plate", DVec3::new(PLATE, PLATE, 0.5 * THINNEST))?;
+    let mut rng = StdRng::seed_from_u64(0x3A11);
+    let count = if plan.quick { ENDURED / 100 } else { ENDURED };
+    let cases: Vec<(f64, f64)> =
+        (0..count).map(|_| (rng.random_range(0.1..FASTEST), rng.random_range(0.0..1.0))).collect();
+    let hits = |method: Method| {
+        plan.each("thin wall: endurance", &cases, |&(speed, phase)| {
+            let case = Case { method, rate: SLOWEST_CONTACTS, speed, phase };
+            hit(&case, probe, &plate, touch + 0.5 * THINNEST)
+        })
+    };
+    let (found, control) = (hits(DEFAULT)?, hits(METHODS[1])?);
+    Ok(Endurance {
+        steps: found.iter().map(|hit| hit.steps).sum(),
+        hits: count,
+        through: through(&found),
+        through_with_penalties: through(&control),
+    })
 }
 
 /// Describes the hits with one method, by contact rate.
@@ -227,7 +295,7 @@ fn hit(case: &Case, probe: &Object, plate: &Object, touch: f64) -> Result<Hit, S
     let (device, meter) = Metered::new(emulation.open(path).map_err(|error| error.to_string())?);
     let scene = Scene::new().with(plate.clone(), Pose::IDENTITY);
     let settings = Settings {
-        contact: ContactSettings::penalties(ContactSettings::default().stiffness),
+        contact: ContactSettings { response: method.response, ..ContactSettings::default() },
         search: SearchSettings { braking: method.braking, proxy: method.proxy, ..SearchSettings::default() },
         ..Settings::default()
     };
@@ -237,9 +305,11 @@ fn hit(case: &Case, probe: &Object, plate: &Object, touch: f64) -> Result<Hit, S
     let center = probe.clod.source.center;
     let mut touched = false;
     let seconds = SPEED_UP + CRUISE + late + PRESS / speed + AFTER_TOUCH;
-    let mut found = Hit { popped: false, deepest: 0.0, speed: 0.0, largest_force: 0.0, port_energy: 0.0 };
+    let mut found =
+        Hit { popped: false, deepest: 0.0, speed: 0.0, largest_force: 0.0, port_energy: 0.0, steps: 0 };
     let stop = AtomicBool::new(false);
     let run = renderer.run_lockstep(seconds, ContactTiming::busy(rate), &stop, |record| {
+        found.steps += 1;
         found.popped = record.object.transform_point(center).z < 0.0;
         found.deepest = found.deepest.max(touch - record.object.translation.z);
         found.largest_force = found.largest_force.max(record.coupling.force.length());
