@@ -39,11 +39,11 @@ use palpate_core::glam::{BVec3, DVec3};
 
 /// Smallest and largest ω of the tracker in even motion, rad/s. With less, it trails behind a hand's
 /// acceleration, and the clamp passes the rounding on; with more, it follows the rounding.
-const EVEN_RATES: (f64, f64) = (20.0, 60.0);
+const EVEN_RATES: (f64, f64) = (15.0, 40.0);
 
 /// ω in even motion for each step in a second, rad. With more, the tracker follows the staircase of slow
 /// readings.
-const RATE_BY_STEPS: f64 = 0.5;
+const RATE_BY_STEPS: f64 = 0.35;
 
 /// Largest ω, rad/s. With less, a vibrating handle is followed too late.
 const FASTEST_RATE: f64 = 400.0;

