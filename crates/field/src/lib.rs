@@ -31,4 +31,4 @@ pub use features::{ClosestPoint, FeatureMesh, Leash, Place};
 pub use format::FormatError;
 pub use query::{FieldOutcome, FieldQuery, FieldSettings};
 pub use samples::SurfaceSamples;
-pub use surface_points::SurfacePoint;
+pub use surface_points::{SurfacePart, SurfacePoint};

@@ -28,6 +28,17 @@ pub struct SurfacePoint {
     pub normal: Vec3A,
 }
 
+/// A part of a body's surface and a sphere around it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePart {
+    /// Centre of the sphere in the mesh's frame, m.
+    pub center: DVec3,
+    /// Radius of the sphere, m.
+    pub radius: f64,
+    /// Signed distance of the centre from the other body; a lower bound beyond the band, m.
+    pub distance: f64,
+}
+
 impl FieldQuery {
     /// Passes on the samples of the last query that are within its tolerance, with these bodies at these
     /// poses.
@@ -78,6 +89,47 @@ impl FieldBody {
             let gradient = Vec3::new(gx[lane], gy[lane], gz[lane]).as_dvec3();
             (f64::from(distance[lane]) * spacing, gradient)
         })
+    }
+
+    /// Passes on parts of this body's surface, with radii of at most about `size` (m), that make up all of it
+    /// that is from a least to a largest distance (m) from another body at a relative pose. Returns `false`
+    /// if there are more than `most`.
+    pub fn parts_within(
+        &self,
+        other: &Self,
+        to_other: &Pose,
+        (least, largest): (f64, f64),
+        (size, most): (f64, usize),
+        mut to: impl FnMut(&SurfacePart),
+    ) -> bool {
+        let gap = (f64::from(self.samples.area)).sqrt() * MAX_GAP;
+        let mut count = 0;
+        let mut stack = ArrayVec::<(usize, usize), 128>::new();
+        stack.push((self.samples.levels.len().saturating_sub(1), 0));
+        while let Some((level, four)) = stack.pop() {
+            let Some(spheres) = self.samples.levels[level].spheres.get(four) else { continue };
+            let [x, y, z, radius] = spheres.map(f32x4::to_array);
+            let center = |lane: usize| Vec3::new(x[lane], y[lane], z[lane]).as_dvec3();
+            let points = std::array::from_fn(|lane| to_other.transform_point(center(lane)));
+            for (lane, (distance, _)) in other.distances(points).into_iter().enumerate() {
+                let radius = f64::from(radius[lane]) + gap;
+                if radius < gap || distance - radius > largest || distance + radius < least {
+                    continue;
+                }
+                if radius > size && level > 1 {
+                    if stack.try_push((level - 1, 4 * four + lane)).is_err() {
+                        return false;
+                    }
+                    continue;
+                }
+                count += 1;
+                if count > most {
+                    return false;
+                }
+                to(&SurfacePart { center: center(lane), radius, distance });
+            }
+        }
+        true
     }
 
     /// A lower bound on the distance between this body and another at a relative pose (m), from spheres

@@ -119,3 +119,33 @@ fn samples_have_numbers_of_their_own() {
     }
     assert!(known.iter().all(|known| *known) && last == Some(known.len() - 1));
 }
+
+#[test]
+fn parts_within_make_up_the_surface_there() {
+    let (mut kept, mut left_out, mut refused) = (0, 0, 0);
+    pairs(|first, second, pose, _| {
+        let (least, largest) = (0.1 * first.radius, 0.5 * first.radius);
+        let mut parts = Vec::new();
+        let limits = (0.2 * first.radius, 100_000);
+        let all = first.body.parts_within(&second.body, pose, (least, largest), limits, |part| {
+            parts.push(*part);
+        });
+        assert!(all && parts.iter().all(|part| part.radius < 0.25 * first.radius));
+        let mut hint = 0;
+        for point in first.points().step_by(7) {
+            let found = second.exact.nearest(pose.transform_point(point), hint);
+            hint = found.hint;
+            let is_kept = parts.iter().any(|part| part.center.distance(point) <= part.radius * (1.0 + 1e-6));
+            if found.distance >= least && found.distance <= largest {
+                assert!(is_kept, "{point} at {} m is in no part", found.distance);
+                kept += 1;
+            } else {
+                left_out += u32::from(!is_kept);
+            }
+        }
+        let few = (limits.0, parts.len().saturating_sub(1));
+        let fits = first.body.parts_within(&second.body, pose, (least, largest), few, |_| ());
+        refused += u32::from(!fits);
+    });
+    assert!(kept > 1000 && left_out > 1000 && refused > 50, "{kept}, {left_out}, {refused}");
+}

@@ -92,6 +92,9 @@ pub(super) struct Guard {
     /// Coarseness of the last query's cells.
     coarseness: u32,
     pub patches: PatchStarts,
+    /// Starts in parts of surfaces that are far from each other, one in each.
+    pub far: Vec<Start>,
+    far_points: Vec<GuardedPoint>,
     points: Vec<GuardedPoint>,
     known: Known,
 }
@@ -174,6 +177,14 @@ impl Start {
         Self { on, is_probe, is_on_edge, object, side, leash: 0.0, distance, at }
     }
 
+    /// The place on its own body's surface.
+    fn place(&self, frames: &Frames<'_>) -> Place {
+        match self.on {
+            StartPlace::Known(place) => place,
+            StartPlace::Near(home) => frames.own(self.is_probe).place_near(home.as_dvec3()),
+        }
+    }
+
     /// The cell. Those that are 4096 edges apart have the same key.
     fn cell(&self, cells: &Cells) -> u64 {
         let edge = cells.edge as f32;
@@ -195,6 +206,8 @@ impl Guard {
             coarseness: 0,
             chosen: Vec::with_capacity(RESERVED),
             patches: PatchStarts::new(),
+            far: Vec::with_capacity(RESERVED),
+            far_points: Vec::with_capacity(RESERVED),
             points: Vec::with_capacity(RESERVED),
             known: Known::new(),
         }
@@ -204,6 +217,7 @@ impl Guard {
     /// coarser until there is room. Returns the distance of the nearest point for which there is none, m, and
     /// the number of these.
     pub fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, limits: &Limits) -> (f64, usize) {
+        self.make_far(geometry, mesh);
         // Bodies move little between queries: about as many cells as then come out as the same point. Cells
         // are made finer again where their points should fit.
         let same = self.points.len() as f64 / self.cells.len().max(1) as f64;
@@ -232,6 +246,18 @@ impl Guard {
         geometry.points.extend(self.points.iter().take(MAX_POINTS).copied());
         let nearest = self.points.get(MAX_POINTS).map_or(f64::INFINITY, |point| point.slack.into());
         (nearest, self.points.len().saturating_sub(MAX_POINTS))
+    }
+
+    /// Makes the points of the far starts.
+    fn make_far(&mut self, geometry: &ContactGeometry, mesh: &Pose) {
+        let Self { far, far_points, .. } = self;
+        far_points.clear();
+        let frames: ArrayVec<Frames<'_>, MAX_OBJECTS> = geometry.frames(mesh);
+        for start in far {
+            let Some(frames) = frames.get(usize::from(start.object)) else { continue };
+            let within = (start.place(frames), start.leash.into());
+            far_points.push(GuardedPoint::new(within, start.is_probe, start.object, frames));
+        }
     }
 
     /// Whether the chosen starts are so many that not all of their points would find room, though some of
@@ -266,20 +292,16 @@ impl Guard {
         self.chosen.clear();
         self.chosen.extend(self.cells.values());
         self.known.keep(&geometry.objects, self.coarseness);
-        let Self { starts, chosen, known, points, .. } = &mut *self;
+        let Self { starts, chosen, known, points, far_points, .. } = &mut *self;
         let distance = |index: u32| starts[index as usize].distance;
         chosen.sort_unstable_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)));
         let frames: ArrayVec<Frames<'_>, MAX_OBJECTS> = geometry.frames(mesh);
         let later = MAX_LATER * limits.edge;
         for &index in chosen.iter() {
             let start = starts[index as usize];
-            let Start { on, is_probe, leash, object, .. } = start;
+            let Start { is_probe, leash, object, .. } = start;
             let Some(frames) = frames.get(usize::from(object)) else { continue };
-            let place = match on {
-                StartPlace::Known(place) => place,
-                StartPlace::Near(home) => frames.own(is_probe).place_near(home.as_dvec3()),
-            };
-            let within = (place, cells.edge.max(leash.into()));
+            let within = (start.place(frames), cells.edge.max(leash.into()));
             let key = start.cell(cells);
             let before = known.points.get(&key).and_then(|known| known.resumed(within, frames));
             // It may have gone on to where a surface is no longer the nearest.
@@ -292,6 +314,7 @@ impl Guard {
             }
         }
         known.step();
+        points.extend(far_points.iter().filter(|point| f64::from(point.slack) < limits.reach));
         let order = |a: &GuardedPoint, b: &GuardedPoint| {
             a.slack.total_cmp(&b.slack).then_with(|| a.place_key().cmp(&b.place_key()))
         };

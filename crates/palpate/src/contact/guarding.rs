@@ -14,7 +14,7 @@ use super::assemble::counterpart;
 use super::by_fields::{NearFields, in_steps};
 use super::geometry::{ContactGeometry, NearObject};
 use super::guard::{Guard, Limits, Start, StartPlace};
-use super::near_samples::sample_long_edges;
+use super::near_samples::{Sampled, sample_long_edges};
 use super::proxy::{ContactFinder as _, LevelFinder, QueryReport};
 use crate::settings::Response;
 
@@ -34,8 +34,23 @@ const MIN_REACH: f64 = 2.0;
 /// near surfaces; with more, queries take longer.
 const NARROW_REACH: f64 = 4.0;
 
+/// Largest distance within which parts of surfaces are guarded beyond the fields' band, in tolerances d. With
+/// less, a fast body waits for queries; with more, the parts are too large to be guarded by a point each.
+const FAR_REACH: f64 = 16.0;
+
+/// Sizes of these parts that are tried, relative to the distance from which they are. With smaller ones,
+/// there are more points; with larger ones, minima of the distance are missed.
+const FAR_SIZES: [f64; 4] = [0.5, 1.0, 2.0, 4.0];
+
+/// Largest number of them on a surface.
+const MAX_FAR: usize = 128;
+
+/// Acceleration of a body in a hand, m/s², for which it has room until newer contacts. With less, a body that
+/// speeds up is held back; with more, points are guarded that it does not reach.
+const ACCELERATION: f64 = 5.0;
+
 /// Largest number of starts in patches that is tried.
-const MAX_STARTS: usize = 65_536;
+const MAX_STARTS: usize = 16_384;
 
 /// Length of long edges, in edges of cells. With more, samples of faces leave out places at which coarse
 /// meshes touch; with less, edges of fine meshes are sampled one by one.
@@ -94,9 +109,12 @@ impl ContactLoop {
     pub(super) fn guard(&mut self, body: &BodyState, interval: f64) -> Option<ContactGeometry> {
         let tolerance = self.parameters.tolerance;
         let ahead = self.lookahead.horizon(interval);
-        let motion = self.lookahead.motion_bound(&body.twist, self.fastest, ahead);
+        let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
+        let motion = (speed + 0.5 * ACCELERATION * ahead) * ahead;
+        // In patches a wide search takes long, so that the body has room for its present speed alone.
+        let searched = if self.is_by_fields() { motion } else { speed * ahead };
         let mut reach =
-            in_steps(tolerance + motion, tolerance).max(MIN_REACH * tolerance).min(self.max_reach());
+            in_steps(tolerance + searched, tolerance).max(MIN_REACH * tolerance).min(self.max_reach());
         let radius = self.probe.bounding_radius();
         let mut geometry = ContactGeometry {
             probe: self.probe.features()?,
@@ -111,13 +129,16 @@ impl ContactLoop {
         let mesh = body.pose * Pose::from_translation(-self.center_of_mass);
         let mut guard = std::mem::take(&mut self.guard);
         guard.starts.clear();
+        guard.far.clear();
         let mut report = QueryReport::default();
         let edge = CELL * radius;
-        let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
         let room = if self.is_by_fields() {
             let enough = reach + (2.0 * motion).max(HAND_SPEED * ahead);
-            let reaches = (reach, enough.min(self.probe.shape().max_tolerance()));
-            self.start_in_fields(&mut guard, &mut geometry, (&mesh, edge), reaches, &mut report)
+            let wanted = (tolerance + motion).min(FAR_REACH * tolerance).max(reach);
+            let reaches = [reach, wanted, enough.min(self.probe.shape().max_tolerance()).max(wanted)];
+            let room = self.start_in_fields(&mut guard, &mut geometry, (&mesh, edge), reaches, &mut report);
+            reach = wanted;
+            room
         } else {
             let at = (&mesh, edge);
             let wide = self.start_at_patches(&mut guard, &mut geometry, at, (reach, MAX_STARTS), &mut report);
@@ -155,17 +176,18 @@ impl ContactLoop {
         Some(NearObject { place, surface, pose, motion, speed })
     }
 
-    /// Starts points at the samples in fields within the first of two reaches (m), and at long edges. Returns
-    /// how far the body may move before it could touch something else, up to the second, m.
+    /// Starts points at the samples in fields within the first of three reaches (m), at long edges, and in
+    /// parts of surfaces within the second. Returns how far the body may move before it could touch something
+    /// else, up to the third, m.
     fn start_in_fields(
         &mut self,
         guard: &mut Guard,
         geometry: &mut ContactGeometry,
         (mesh, edge): (&Pose, f64),
-        (reach, enough): (f64, f64),
+        [reach, wanted, enough]: [f64; 3],
         report: &mut QueryReport,
     ) -> f64 {
-        let starts = &mut guard.starts;
+        let Guard { starts, far, .. } = guard;
         let Ok(invalid) = self.scene.find_near(mesh, enough) else {
             report.refused = true;
             return 0.0;
@@ -181,12 +203,11 @@ impl ContactLoop {
                 continue;
             };
             let to_object = object.pose.inverse() * *mesh;
-            let clearance = probe.body().clearance(scene.body(), &to_object, (reach, enough));
-            if clearance > reach || geometry.objects.is_full() {
+            let clearance = probe.body().clearance(scene.body(), &to_object, (wanted, enough));
+            if clearance > wanted || geometry.objects.is_full() {
                 room = room.min(clearance);
                 continue;
             }
-            room = room.min(reach);
             let index = geometry.objects.len() as u8;
             let probe = (probe.body(), &*geometry.probe, mesh);
             let scene = (scene.body(), &*object.surface, &object.pose);
@@ -205,6 +226,17 @@ impl ContactLoop {
                     starts.push(Start::new(on, (is_probe, true), index, (at, along), sample.distance));
                 });
             }
+            let first = far.len();
+            let sides = [(probe, scene, true), (scene, probe, false)];
+            let are_all = wanted <= reach
+                || FAR_SIZES.iter().any(|size| {
+                    far.truncate(first);
+                    sides.into_iter().all(|sides| start_far(far, sides, index, (reach, wanted), size * reach))
+                });
+            if !are_all {
+                far.truncate(first);
+            }
+            room = room.min(if are_all { wanted } else { reach });
             geometry.objects.push(object);
         }
         room
@@ -270,4 +302,22 @@ impl ContactLoop {
         }
         Some(room)
     }
+}
+
+/// Starts points in parts of about a size (m) of a surface that are within reaches (m) of another one; `false`
+/// if there are too many.
+fn start_far(
+    far: &mut Vec<Start>,
+    (own, other, is_probe): (Sampled<'_>, Sampled<'_>, bool),
+    object: u8,
+    reaches: (f64, f64),
+    size: f64,
+) -> bool {
+    let to_other = other.2.inverse() * *own.2;
+    own.0.parts_within(other.0, &to_other, reaches, (size, MAX_FAR), |part| {
+        let on = StartPlace::Near(part.center.as_vec3());
+        let mut start = Start::new(on, (is_probe, false), object, (DVec3::ZERO, DVec3::Z), part.distance);
+        start.leash = 2.0 * part.radius as f32;
+        far.push(start);
+    })
 }
