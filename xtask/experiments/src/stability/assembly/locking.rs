@@ -150,12 +150,13 @@ fn bisect(
     halvings: usize,
 ) -> Result<Found, String> {
     let [mut turning, mut held] = BRACKET;
-    let mut tried = vec![(turning, push(response, parts, turning)?), (held, push(response, parts, held)?)];
+    let push = |friction: f64| push(response, parts, friction, DURATION);
+    let mut tried = vec![(turning, push(turning)?), (held, push(held)?)];
     let bracketed = tried[0].1 >= TURNING && tried[1].1 < TURNING;
     if bracketed {
         for _ in 0..halvings {
             let middle = 0.5 * (turning + held);
-            let turn = push(response, parts, middle)?;
+            let turn = push(middle)?;
             tried.push((middle, turn));
             if turn < TURNING { held = middle } else { turning = middle }
         }
@@ -163,11 +164,12 @@ fn bisect(
     Ok(Found { response: response.name, bracketed, friction: 0.5 * (turning + held), tried })
 }
 
-/// Pushes the nut; returns how far it turns in the last part of the session, rad.
-fn push(
+/// Pushes the nut for some time (s); returns how far it turns in the last part of the session, rad.
+pub(super) fn push(
     response: &Response,
     (thread, nut, bolt): (&MetricThread, &Part, &Part),
     friction: f64,
+    duration: f64,
 ) -> Result<f64, String> {
     let start = engaged(thread, PITCHES, 0.0);
     // A hand that pushes and guides the nut, and leaves it free to turn.
@@ -186,7 +188,7 @@ fn push(
         (pose, palpate::Twist::new(reach * rate, DVec3::ZERO))
     });
     let settings = response.settings(friction, nut);
-    let recorded = session::run((nut, bolt), (emulation, path), settings, DURATION)?;
+    let recorded = session::run((nut, bolt), (emulation, path), settings, duration)?;
     let track = Track::of(&recorded.records);
-    Ok((track.angle_at(DURATION) - track.angle_at(DURATION - OBSERVED)).abs())
+    Ok((track.angle_at(duration) - track.angle_at(duration - OBSERVED.min(0.5 * duration))).abs())
 }

@@ -7,9 +7,9 @@ use palpate::models::{MetricThread, PegFit};
 use palpate::{Pose, Record, TriMesh, Wrench};
 
 use super::exact::Exact;
-use super::locking::locking_friction;
+use super::locking::{locking_friction, push};
 use super::nut::Track;
-use super::{Part, bolt_and_nut};
+use super::{Part, bolt_and_nut, responses};
 
 /// Friction that holds a nut which presses evenly on the upper flanks of a bolt's mesh where those of the
 /// nut overlap them, from the triangles' own normals: drive and friction of each triangle summed up.
@@ -46,6 +46,18 @@ fn the_friction_of_self_locking_is_that_of_the_flanks() {
         // Without the flank angle, theory would be off by 15 %.
         assert!((summed * 30.0_f64.to_radians().cos() / theory - 1.0).abs() > 0.1);
     }
+}
+
+/// With friction below that of theory a thread lets the nut turn, above it holds it.
+#[test]
+fn a_nut_that_is_pushed_turns_until_friction_holds_it() {
+    let thread = MetricThread::M16;
+    let [bolt, nut] = bolt_and_nut(&thread).unwrap();
+    let constraints = responses().pop().unwrap();
+    let theory = locking_friction(&thread);
+    let turn = |share: f64| push(&constraints, (&thread, &nut, &bolt), share * theory, 0.6).unwrap();
+    let (turning, held) = rayon::join(|| turn(0.7), || turn(1.3));
+    assert!(turning > 0.1 && held < 1e-3, "{turning} and {held} rad");
 }
 
 #[test]
