@@ -28,7 +28,7 @@ const ROUND_TOLERANCE: f64 = 1e-4;
 
 /// Compliance of a contact relative to the body's own mobility along it. Without it the impulses of redundant
 /// contacts are not unique and wander; with much more, contacts are felt to yield.
-const COMPLIANCE: f64 = 1e-3;
+pub(super) const COMPLIANCE: f64 = 1e-3;
 
 /// Friction of one contact that has pushed.
 #[derive(Clone, Copy)]

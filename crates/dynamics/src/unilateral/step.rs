@@ -63,19 +63,19 @@ pub fn constrained_step(
         };
         let factor = cholesky(&symmetric(&mobility));
         let recovery = (RECOVERY_FORCE / frame.coupling.linear_damping).min(MAX_RECOVERY);
-        choose(contacts, &twist, (dt, recovery));
+        let passed = choose(contacts, &twist, (dt, recovery));
         let mut exchanges = 0;
         let held = loop {
             let mut rows = Rows::default();
             let (held, converged) = Solver::new(contacts, &twist, &factor, dt, recovery, &mut rows).solve();
             Solver::store(&rows, contacts);
             status.unconverged = !converged;
-            if exchanges == MAX_EXCHANGES || !exchange(contacts, &held, (dt, recovery)) {
+            if exchanges == MAX_EXCHANGES || !exchange(contacts, &held, passed, (dt, recovery)) {
                 break held;
             }
             exchanges += 1;
         };
-        let share = share(contacts, &held, dt);
+        let share = share(contacts, &held, passed, dt);
         shortened = share < 1.0;
         twist = Twist::new(held.linear * share, held.angular * share);
     }

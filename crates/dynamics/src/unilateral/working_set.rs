@@ -4,13 +4,16 @@
 
 use palpate_core::Twist;
 
+use super::solver::COMPLIANCE;
 use super::{MAX_UNILATERAL, UnilateralContact};
 
 /// Largest number of times that contacts are exchanged. With fewer, more steps are shortened.
 pub(super) const MAX_EXCHANGES: u32 = 4;
 
-/// Approach beyond its limit with which a contact counts as passed, m/s: a nanometre in a step.
-const PASSED: f64 = 1e-6;
+/// Approach beyond its limit with which a contact counts as passed, m/s, and relative to the largest without
+/// impulses. With less, contacts are passed by how much the others yield, and steps are shortened; with more,
+/// surfaces overlap.
+const PASSED: (f64, f64) = (1e-6, 2.0 * COMPLIANCE);
 
 /// Splits off the contacts that are not solved for.
 fn split(contacts: &mut [UnilateralContact]) -> (&mut [UnilateralContact], &mut [UnilateralContact]) {
@@ -18,27 +21,37 @@ fn split(contacts: &mut [UnilateralContact]) -> (&mut [UnilateralContact], &mut 
 }
 
 /// Moves the contacts to solve for to the front, if not all of them can be: those that pushed in the last
-/// step, and those that the free velocity passes most. The others do not push.
-pub(super) fn choose(contacts: &mut [UnilateralContact], free: &Twist, (dt, recovery): (f64, f64)) {
+/// step, and those that the free velocity passes most. The others do not push. Returns the approach with
+/// which one counts as passed, m/s.
+pub(super) fn choose(contacts: &mut [UnilateralContact], free: &Twist, (dt, recovery): (f64, f64)) -> f64 {
     if contacts.len() <= MAX_UNILATERAL {
-        return;
+        return PASSED.0;
     }
     let room = |contact: &UnilateralContact| {
         let pushed = contact.normal.dot(contact.impulse) > 0.0;
         if pushed { f64::NEG_INFINITY } else { -contact.excess(free, dt, recovery) }
     };
     contacts.select_nth_unstable_by(MAX_UNILATERAL - 1, |a, b| room(a).total_cmp(&room(b)));
-    for other in split(contacts).1 {
+    let (solved, others) = split(contacts);
+    for other in others {
         other.impulse = Default::default();
     }
+    let excesses = solved.iter().map(|contact| contact.excess(free, dt, recovery));
+    PASSED.0 + PASSED.1 * excesses.fold(0.0, f64::max)
 }
 
-/// Exchanges contacts that do not push for others that a velocity passes. Returns whether there were any.
-pub(super) fn exchange(contacts: &mut [UnilateralContact], held: &Twist, (dt, recovery): (f64, f64)) -> bool {
+/// Exchanges contacts that do not push for others that a velocity passes (m/s). Returns whether there were
+/// any.
+pub(super) fn exchange(
+    contacts: &mut [UnilateralContact],
+    held: &Twist,
+    passed: f64,
+    (dt, recovery): (f64, f64),
+) -> bool {
     let (solved, others) = split(contacts);
     let mut spare = solved.iter_mut().filter(|contact| contact.normal.dot(contact.impulse) <= 0.0);
     let mut exchanged = false;
-    for other in others.iter_mut().filter(|other| other.excess(held, dt, recovery) > PASSED) {
+    for other in others.iter_mut().filter(|other| other.excess(held, dt, recovery) > passed) {
         let Some(spare) = spare.next() else { break };
         std::mem::swap(spare, other);
         other.impulse = Default::default();
@@ -49,9 +62,9 @@ pub(super) fn exchange(contacts: &mut [UnilateralContact], held: &Twist, (dt, re
 
 /// Share of a step at which it reaches the first surface of those that are not solved for. Overlaps are left
 /// to the next step, which solves for them first.
-pub(super) fn share(contacts: &mut [UnilateralContact], held: &Twist, dt: f64) -> f64 {
+pub(super) fn share(contacts: &mut [UnilateralContact], held: &Twist, passed: f64, dt: f64) -> f64 {
     split(contacts).1.iter().filter(|other| other.gap > 0.0).fold(1.0, |share: f64, other| {
         let excess = other.excess(held, dt, 0.0);
-        if excess > PASSED { share.min(other.gap / (other.gap + dt * excess)) } else { share }
+        if excess > passed { share.min(other.gap / (other.gap + dt * excess)) } else { share }
     })
 }
