@@ -304,8 +304,8 @@ impl ContactLoop {
     }
 }
 
-/// Starts points in parts of about a size (m) of a surface that are within reaches (m) of another one; `false`
-/// if there are too many.
+/// Starts points in parts of about a size (m) of a surface that are within reaches (m) of another one;
+/// `false` if there are too many.
 fn start_far(
     far: &mut Vec<Start>,
     (own, other, is_probe): (Sampled<'_>, Sampled<'_>, bool),
