@@ -22,10 +22,6 @@
 //! gains keep with a margin. The limit at which friction still brings a handle to rest against a spring is
 //! that of readings to within a few per cent (the test `friction_absorbs_estimates_as_it_absorbs_readings`).
 //!
-//! A handle that stands near an edge between two cells, pulled over it from both sides, steps to and fro.
-//! From the second such step on x̂ stays at the edge, which is in both cells, so that the force does not step
-//! with the readings.
-//!
 //! Friction does not resist small vibrations of a handle that slides. For them, within the cell, the tracker
 //! is a linear filter 1 − s³/(s + ω)³, which asks hand and device for a damping of up to 0.38 (K + B/(τ +
 //! T))/ω. A vibration that reaches beyond the cell raises ω. So a handle that slides evenly, or that neither
@@ -35,7 +31,7 @@
 //! The lag that the port's law counts is that of the damper's velocity, a difference of estimates: they add
 //! less than a millisecond to motions of many steps, and no more than Δ/(τ + T) to any velocity.
 
-use palpate_core::glam::{BVec3, DVec3};
+use palpate_core::glam::DVec3;
 
 /// Smallest and largest ω of the tracker in even motion, rad/s. With less, it trails behind a hand's
 /// acceleration, and the clamp passes the rounding on; with more, it follows the rounding.
@@ -79,8 +75,6 @@ pub(crate) struct StepObserver {
     acceleration: DVec3,
     /// Rise of ω relative to that of even motion.
     rise: DVec3,
-    /// Signs of the last steps by axis, twice as large for those back.
-    last: DVec3,
 }
 
 impl StepObserver {
@@ -127,9 +121,6 @@ impl StepObserver {
             self.reset();
             return moved - before;
         }
-        let to_and_fro = self.turns_again(moved);
-        self.velocity = DVec3::select(to_and_fro, DVec3::ZERO, self.velocity);
-        self.acceleration = DVec3::select(to_and_fro, DVec3::ZERO, self.acceleration);
         let predicted = before - moved + (self.velocity + self.acceleration * (0.5 * interval)) * interval;
         let rate = self.rate();
         let gains = Gains::new(rate * interval);
@@ -139,21 +130,12 @@ impl StepObserver {
 
         let half = DVec3::splat(0.5 * step);
         self.offset = tracked.clamp(-half, half);
-        let cut = DVec3::select(to_and_fro, DVec3::ZERO, self.offset - tracked);
+        let cut = self.offset - tracked;
         self.correct(&gains, cut, interval);
         let rise = cut.abs() * (RISE_BY_STEP / step);
         self.rise = (self.rise + rise) / (1.0 + interval / RISE_TIME);
         self.settle(interval);
         moved + self.offset - before
-    }
-
-    /// The axes on which a reading stepped back after one that had stepped back, too.
-    fn turns_again(&mut self, moved: DVec3) -> BVec3 {
-        let back = (moved * self.last).cmplt(DVec3::ZERO);
-        let again = back & self.last.abs().cmpgt(DVec3::ONE);
-        let step = moved.signum() * DVec3::select(back, DVec3::splat(2.0), DVec3::ONE);
-        self.last = DVec3::select(moved.cmpeq(DVec3::ZERO), self.last, step);
-        again
     }
 
     /// ω of the tracker, rad/s.

@@ -191,7 +191,10 @@ fn couplings(
         angular_damping: settings.coupling.angular_damping.unwrap_or(coupling.angular_damping),
         ..coupling
     };
-    (given(critical.damped_within(&limits)), given(critical))
+    let default = critical.damped_within(&limits);
+    let coupling = given(default);
+    // Gains that were filled in by a session make the same one again.
+    (coupling, if coupling == default { critical } else { given(critical) })
 }
 
 /// Lags (s) of the device's velocities for the dampers: those that passivity needs. Where motion is estimated
@@ -232,4 +235,39 @@ fn max_damping(settings: &Settings, coupling: &VirtualCoupling, limits: &PortLim
     let scale = settings.device.workspace_scale;
     let (linear, angular) = limits.in_world(scale).largest_dampings(coupling);
     (linear, angular / (scale * scale))
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::glam::DMat3;
+    use palpate_device::Emulation;
+
+    use super::*;
+
+    /// Settings that a session filled in make the same gains again, and those of heavy objects lag longer than
+    /// their damping needs.
+    #[test]
+    fn gains_that_were_filled_in_stay() {
+        let specification = Emulation::default().specification;
+        for mass in [1e-3, 0.1, 1.0, 10.0] {
+            let whole = Body::new(mass, DMat3::from_diagonal(DVec3::splat(mass * 4e-4))).expect("a body");
+            let grasped = Grasped { whole, center: DVec3::ZERO, first_center: DVec3::ZERO, radius: 0.03 };
+            let settings =
+                Settings { tool: ToolSettings { mass, ..ToolSettings::default() }, ..Settings::default() };
+            let first = Gains::new(&settings, &grasped, &specification).expect("gains");
+            let again = Gains::new(&first.fill_in(&settings), &grasped, &specification).expect("gains");
+            assert_eq!(
+                (first.coupling, first.velocity_lags),
+                (again.coupling, again.velocity_lags),
+                "{mass} kg"
+            );
+            let needed = first.limits.velocity_lags(&first.coupling).0.max(specification.velocity_delay);
+            assert_eq!(
+                first.velocity_lags.0 > 1.5 * needed,
+                mass > 0.5,
+                "{mass} kg: {:?}",
+                first.velocity_lags
+            );
+        }
+    }
 }

@@ -263,11 +263,12 @@ fn estimates_let_a_handle_swing_by_less_than_readings() {
             assert!(coupled.lag <= LONGEST_LAG, "{mass} kg, {delay} ms: {} s", coupled.lag);
             for hand in hands {
                 let (estimates, readings) = (widest(&coupled, STEP, hand), widest(&coupled, 0.0, hand));
-                let within = estimates <= 0.6 * readings + 1e-9;
+                let within = estimates <= 0.8 * readings + 1e-9;
                 assert!(within, "{mass} kg, {delay} ms, hand {hand:?}: {estimates} of {readings} N");
             }
             let estimates = widest(&coupled, STEP, released);
-            assert!(estimates <= 0.1, "{mass} kg, {delay} ms: {estimates} N");
+            let most = if mass < 0.5 { 0.05 } else { 0.1 };
+            assert!(estimates <= most, "{mass} kg, {delay} ms: {estimates} N");
         }
     }
     let heavy = Coupled { told: PERIOD, ..Coupled::critical(10.0, 400.0, 0) };
