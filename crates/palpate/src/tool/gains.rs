@@ -244,8 +244,8 @@ mod tests {
 
     use super::*;
 
-    /// Settings that a session filled in make the same gains again, and those of heavy objects lag longer than
-    /// their damping needs.
+    /// Settings that a session filled in make the same gains again, and those of heavy objects lag longer
+    /// than their damping needs.
     #[test]
     fn gains_that_were_filled_in_stay() {
         let specification = Emulation::default().specification;
