@@ -30,7 +30,7 @@ const MAX_GROWTH: u32 = 3;
 
 /// Largest number of points that near. With more, steps take longer in close fits; with fewer, surfaces that
 /// lie along each other touch between points.
-const MAX_NEAR: usize = 3 * MAX_UNILATERAL;
+const MAX_NEAR: usize = 3 * MAX_UNILATERAL / 2;
 
 /// Largest coarseness of cells.
 const MAX_COARSENESS: u32 = 10;
