@@ -298,10 +298,15 @@ impl StepContacts {
         self.along.push(at);
     }
 
+    /// The contacts that push, as many as a step finds impulses for. Before a step, and after one that was
+    /// refused, more may have one that was taken over.
+    pub fn pushing(&self) -> impl Iterator<Item = &UnilateralContact> {
+        self.contacts.iter().filter(|contact| contact.impulse != DVec3::ZERO).take(MAX_UNILATERAL)
+    }
+
     /// Takes over the impulses of the last step, and the lower coefficient of friction where a contact slid.
     fn take_over(&mut self, before: &Self, friction: &Friction) {
-        let pushed = before.contacts.iter().filter(|known| known.impulse != DVec3::ZERO);
-        let pushed: ArrayVec<&UnilateralContact, MAX_UNILATERAL> = pushed.collect();
+        let pushed: ArrayVec<&UnilateralContact, MAX_UNILATERAL> = before.pushing().collect();
         for contact in &mut self.contacts {
             let near = |known: &UnilateralContact| {
                 known.arm.distance_squared(contact.arm) < NEAR_PLACE * NEAR_PLACE
@@ -416,5 +421,30 @@ mod tests {
                 assert!((f64::from(before - after) - gone).abs() < 1e-6, "{before} to {after}");
             }
         }
+    }
+
+    /// After a step that was refused, contacts may still have impulses that were taken over, more than a step
+    /// finds.
+    #[test]
+    fn impulses_of_more_contacts_than_a_step_solves_for_are_taken_over() {
+        let contacts = |impulse: f64| {
+            let mut made = StepContacts::default();
+            made.clear();
+            for key in 0..2 * MAX_UNILATERAL as u16 {
+                made.push(UnilateralContact {
+                    arm: DVec3::X * 1e-3 * f64::from(key),
+                    normal: DVec3::NEG_Z,
+                    gap: 0.0,
+                    velocity: DVec3::ZERO,
+                    friction: 0.0,
+                    impulse: DVec3::NEG_Z * impulse,
+                    key,
+                });
+            }
+            made
+        };
+        let (before, mut now) = (contacts(1.0), contacts(0.0));
+        now.take_over(&before, &Friction::NONE);
+        assert_eq!((before.pushing().count(), now.pushing().count()), (MAX_UNILATERAL, MAX_UNILATERAL));
     }
 }

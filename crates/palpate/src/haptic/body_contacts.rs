@@ -2,7 +2,6 @@
 //! found.
 
 use palpate_core::Pose;
-use palpate_core::glam::DVec3;
 use palpate_dynamics::{BodyState, ContactBlend, LinearContactModel, MotionBound, UnilateralContact};
 
 use crate::contact::geometry::{ContactGeometry, Slacks, StepContacts, StepMotion};
@@ -84,8 +83,7 @@ impl BodyContacts {
     /// Writes the forces of the last step's constraints on the body: the step of `dt` (s) ended at a state.
     pub fn write_constraints(&self, state: &BodyState, dt: f64, to: &mut ConstraintForces) {
         to.clear();
-        let contacts = &self.contacts[self.now].contacts;
-        for contact in contacts.iter().filter(|contact| contact.impulse != DVec3::ZERO) {
+        for contact in self.contacts[self.now].pushing() {
             let UnilateralContact { arm, normal, gap, impulse, .. } = *contact;
             let point = state.pose.translation + arm;
             to.push(ContactForce { point, normal, force: impulse / -dt, depth: -gap });
