@@ -111,6 +111,11 @@ fn experiment(name: &str, passed: &Passed) -> Result<(), Failure> {
 /// whose SDK takes many minutes to build: `cargo test -p palpate-rerun` tests it.
 const WORKSPACE: [&str; 4] = ["--workspace", "--exclude", "palpate-rerun", "--all-features"];
 
+/// Profile settings that turn assertions and overflow checks off, as in release builds. Dependencies are not
+/// rebuilt.
+const UNCHECKED: [(&str, &str); 2] =
+    [("CARGO_PROFILE_DEV_DEBUG_ASSERTIONS", "false"), ("CARGO_PROFILE_DEV_OVERFLOW_CHECKS", "false")];
+
 fn test() -> Result<(), Failure> {
     packages::ensure_vulkan()?;
     packages::try_players();
@@ -132,6 +137,10 @@ fn ci(full: bool) -> Result<(), Failure> {
     packages::ensure_vulkan()?;
     packages::try_players();
     run_tests(&mut steps)?;
+    // Damaged files must be refused cleanly with assertions and without.
+    let hostile = ["--test", "hostile_files", "--", "--skip", "nasty_meshes"];
+    let hostile = [["test", "--locked"].as_slice(), &WORKSPACE, &hostile].concat();
+    steps.cargo("hostile files in a build without assertions", &hostile, &UNCHECKED)?;
     let strict = ["--all-targets", "--", "-D", "warnings"];
     steps.cargo("clippy", &[["clippy", "--locked"].as_slice(), &WORKSPACE, &strict].concat(), &[])?;
     // One package at a time, since cargo unifies the features of packages that it checks together.
@@ -166,7 +175,6 @@ fn ci(full: bool) -> Result<(), Failure> {
         ];
         let ignored = [test.as_slice(), &["--", "--ignored"], &ignored].concat();
         steps.cargo("tests at full size", &ignored, &[])?;
-        // Damaged files must be refused cleanly without assertions, too.
         let hostile = [test.as_slice(), &["--test", "hostile_files"]].concat();
         steps.cargo("hostile files in a release build", &hostile, &[])?;
         steps.cargo("the adapter for Rerun", &["test", "--locked", "--package", "palpate-rerun"], &[])?;
