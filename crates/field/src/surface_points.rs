@@ -91,6 +91,21 @@ impl FieldBody {
         })
     }
 
+    /// Four parts of this body's surface, with their distances from another body at a relative pose; the
+    /// radius of one that is missing is negative.
+    fn four_parts(&self, level: usize, four: usize, other: &Self, to_other: &Pose) -> [SurfacePart; 4] {
+        // The surface between two of the finest samples is less than their spacing from one of them.
+        let gap = (f64::from(self.samples.area)).sqrt() * MAX_GAP;
+        let [x, y, z, radius] = self.samples.levels[level].spheres[four].map(f32x4::to_array);
+        let centers: [DVec3; 4] = std::array::from_fn(|lane| Vec3::new(x[lane], y[lane], z[lane]).as_dvec3());
+        let distances = other.distances(centers.map(|center| to_other.transform_point(center)));
+        std::array::from_fn(|lane| SurfacePart {
+            center: centers[lane],
+            radius: f64::from(radius[lane]) + gap,
+            distance: distances[lane].0,
+        })
+    }
+
     /// Passes on parts of this body's surface, with radii of at most about `size` (m), that make up all of it
     /// that is from a least to a largest distance (m) from another body at a relative pose. Returns `false`
     /// if there are more than `most`.
@@ -102,22 +117,18 @@ impl FieldBody {
         (size, most): (f64, usize),
         mut to: impl FnMut(&SurfacePart),
     ) -> bool {
-        let gap = (f64::from(self.samples.area)).sqrt() * MAX_GAP;
         let mut count = 0;
         let mut stack = ArrayVec::<(usize, usize), 128>::new();
         stack.push((self.samples.levels.len().saturating_sub(1), 0));
         while let Some((level, four)) = stack.pop() {
-            let Some(spheres) = self.samples.levels[level].spheres.get(four) else { continue };
-            let [x, y, z, radius] = spheres.map(f32x4::to_array);
-            let center = |lane: usize| Vec3::new(x[lane], y[lane], z[lane]).as_dvec3();
-            let points = std::array::from_fn(|lane| to_other.transform_point(center(lane)));
-            for (lane, (distance, _)) in other.distances(points).into_iter().enumerate() {
-                let radius = f64::from(radius[lane]) + gap;
-                if radius < gap || distance - radius > largest || distance + radius < least {
+            for (lane, part) in self.four_parts(level, four, other, to_other).into_iter().enumerate() {
+                let SurfacePart { radius, distance, .. } = part;
+                if radius < 0.0 || distance - radius > largest || distance + radius < least {
                     continue;
                 }
-                if radius > size && level > 1 {
-                    if stack.try_push((level - 1, 4 * four + lane)).is_err() {
+                let below = 4 * four + lane;
+                if radius > size && level > 1 && below < self.samples.levels[level - 1].spheres.len() {
+                    if stack.try_push((level - 1, below)).is_err() {
                         return false;
                     }
                     continue;
@@ -126,7 +137,7 @@ impl FieldBody {
                 if count > most {
                     return false;
                 }
-                to(&SurfacePart { center: center(lane), radius, distance });
+                to(&part);
             }
         }
         true
@@ -136,8 +147,6 @@ impl FieldBody {
     /// around parts of this one's surface; at most `enough` (m), and 0 if the surfaces may touch. Bounds
     /// below `least` (m) are not as large as they could be.
     pub fn clearance(&self, other: &Self, to_other: &Pose, (least, enough): (f64, f64)) -> f64 {
-        // The surface between two of the finest samples is less than their spacing from one of them.
-        let gap = (f64::from(self.samples.area)).sqrt() * MAX_GAP;
         let (needed, mut least) = (least, enough);
         let mut read = 0;
         let mut stack = ArrayVec::<(f64, usize, usize), 128>::new();
@@ -151,13 +160,10 @@ impl FieldBody {
                 return 0.0;
             }
             read += 1;
-            let [x, y, z, radius] = self.samples.levels[level].spheres[four].map(f32x4::to_array);
-            let center = |lane: usize| Vec3::new(x[lane], y[lane], z[lane]).as_dvec3();
-            let points = std::array::from_fn(|lane| to_other.transform_point(center(lane)));
             let mut children = ArrayVec::<(f64, usize, usize), 4>::new();
-            for (lane, (distance, _)) in other.distances(points).into_iter().enumerate() {
-                let bound = distance - f64::from(radius[lane]) - gap;
-                if radius[lane] < 0.0 || bound >= least {
+            for (lane, part) in self.four_parts(level, four, other, to_other).into_iter().enumerate() {
+                let bound = part.distance - part.radius;
+                if part.radius < 0.0 || bound >= least {
                     continue;
                 }
                 let below = 4 * four + lane;
