@@ -30,8 +30,8 @@ const MARGIN: f64 = 7e-5;
 /// where it is when it starts to move.
 const MIN_REACH: f64 = 2.0;
 
-/// The same if it was so large that patches had more starts than [`MAX_STARTS`]. With less, a fast body waits
-/// near surfaces; with more, queries take longer.
+/// Distance within which points are guarded, in tolerances d, if patches within a larger one have more starts
+/// than [`MAX_STARTS`]. With less, a fast body waits near surfaces; with more, queries take longer.
 const NARROW_REACH: f64 = 4.0;
 
 /// Largest distance within which parts of surfaces are guarded beyond the fields' band, in tolerances d. With
@@ -49,7 +49,8 @@ const MAX_FAR: usize = 128;
 /// speeds up is held back; with more, points are guarded that it does not reach.
 const ACCELERATION: f64 = 5.0;
 
-/// Largest number of starts in patches that is tried.
+/// Number of starts in patches from which a narrower distance is searched. With more, queries of fast bodies
+/// take longer.
 const MAX_STARTS: usize = 16_384;
 
 /// Length of long edges, in edges of cells. With more, samples of faces leave out places at which coarse

@@ -111,7 +111,7 @@ pub struct CouplingSettings {
     pub angular_stiffness: Option<f64>,
     /// Angular damping b_θ of the virtual coupling, N·m·s/rad; by default critical for the largest principal
     /// moment of inertia about the grasp, and less for heavy objects. Both dampers act on a velocity of the
-    /// device that lags as much as passivity requires.
+    /// device that lags as much as passivity requires, and by up to 20 ms for heavy objects.
     pub angular_damping: Option<f64>,
 }
 

@@ -251,8 +251,8 @@ fn widest(coupled: &Coupled, step: f64, hand: Held) -> f64 {
 }
 
 /// A handle without friction swings by about a step of its encoders on readings. On estimates the force
-/// swings by half of that, with stiffness and damping as chosen for each delay, where a hand damps the
-/// handle. Where nothing but its own viscous damping does, it may swing by two steps. With the damping that
+/// swings by less, with stiffness and damping as chosen for each delay, where a hand damps the handle. Where
+/// nothing but its own viscous damping does, it may swing by two steps. With the damping that
 /// is critical for a heavy body, whose lag is long, it would swing twice as far as on readings.
 #[test]
 fn estimates_let_a_handle_swing_by_less_than_readings() {
