@@ -29,6 +29,7 @@ impl Pose {
     }
 
     /// A point given in local coordinates, in world coordinates (m).
+    #[inline]
     pub fn transform_point(&self, point: DVec3) -> DVec3 {
         self.rotation * point + self.translation
     }
@@ -40,6 +41,7 @@ impl Pose {
     }
 
     /// The pose that undoes this one.
+    #[inline]
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.conjugate();
         Self { translation: -(rotation * self.translation), rotation }
@@ -62,6 +64,7 @@ impl Pose {
     }
 
     /// Whether every component is finite and the quaternion has unit length to within 1e-6.
+    #[inline]
     pub fn is_valid(&self) -> bool {
         self.translation.is_finite()
             && self.rotation.is_finite()
@@ -78,6 +81,7 @@ impl Default for Pose {
 impl Mul for Pose {
     type Output = Self;
 
+    #[inline]
     /// Composition: `(a * b)` places b's local frame inside a's.
     fn mul(self, inner: Self) -> Self {
         Self {

@@ -257,15 +257,19 @@ impl FeatureMesh {
             + self.exact.bytes()
     }
 
+    #[inline(always)]
     fn corners(&self, face: u32) -> [DVec3; 3] {
-        self.faces[face as usize].corners.map(|corner| self.vertices[corner as usize])
+        let [a, b, c] = self.faces[face as usize].corners;
+        [self.vertices[a as usize], self.vertices[b as usize], self.vertices[c as usize]]
     }
 
     /// The point of the surface nearest to a point (m), found from a face near it by a walk over neighbours.
+    #[inline]
     pub fn walk(&self, p: DVec3, face: u32) -> ClosestPoint {
-        if let Some(over) = self.over(p, face) {
-            return over;
-        }
+        self.over(p, face).unwrap_or_else(|| self.walk_over_faces(p, face))
+    }
+
+    fn walk_over_faces(&self, p: DVec3, face: u32) -> ClosestPoint {
         let at = |face: u32| {
             let (point, feature) = closest(p, &self.corners(face));
             (point, feature, point.distance_squared(p))
@@ -429,6 +433,7 @@ impl FeatureMesh {
     /// A place further down on the way to the one that is nearest to another surface, or `None` if this is a
     /// local minimum. `normal` is the gradient of the distance from the other surface at the place, in this
     /// mesh's frame; `stride` is the fraction of the way along an edge.
+    #[inline]
     pub fn descend(&self, place: &Place, normal: DVec3, stride: f64, leash: &Leash) -> Option<Place> {
         match *place {
             Place::Edge(edge, at) => {

@@ -307,15 +307,20 @@ impl StepContacts {
     /// Takes over the impulses of the last step, and the lower coefficient of friction where a contact slid.
     fn take_over(&mut self, before: &Self, friction: &Friction) {
         let pushed: ArrayVec<&UnilateralContact, MAX_UNILATERAL> = before.pushing().collect();
+        // The order is mostly the same: the search goes on from the last one that was found.
+        let mut next = 0;
         for contact in &mut self.contacts {
             let near = |known: &UnilateralContact| {
                 known.arm.distance_squared(contact.arm) < NEAR_PLACE * NEAR_PLACE
                     && known.normal.dot(contact.normal) > NEAR_NORMAL
             };
-            let is_same = |known: &&&UnilateralContact| {
+            let is_same = |index: &usize| {
+                let known = pushed[*index];
                 if before.is_known { known.key == contact.key } else { near(known) }
             };
-            let Some(known) = pushed.iter().find(is_same) else { continue };
+            let Some(index) = (next..pushed.len()).chain(0..next).find(is_same) else { continue };
+            next = index + 1;
+            let known = pushed[index];
             contact.impulse = known.impulse;
             let along = known.impulse.dot(known.normal);
             let slid =
