@@ -72,7 +72,7 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
         let mut shared = ContactQuery::new(probe, scene);
         let (mut contacts, mut looked_at) = (0, [0, 0]);
         for error in [0.0, 0.004, 0.025] {
-            for (index, pose) in wander(&mut rng, at, radius, 400).iter().enumerate() {
+            for (index, pose) in wander(&mut rng, at, radius, 250).iter().enumerate() {
                 // Tolerance and threshold change now and then.
                 let tolerance = radius * if index / 50 % 3 == 2 { 0.02 } else { 0.01 };
                 let error = error * radius * if index / 70 % 2 == 1 { 1.5 } else { 1.0 };
