@@ -6,7 +6,10 @@
 //! Pintelon and Schoukens 1996; Dobrowiecki and Schoukens 2007). Part of a period settles, the next period is
 //! measured. Then all is repeated with other phases. Sessions in lockstep answer the same phases in the same
 //! way; what differs from phases to phases is noise and distortion: contacts that change, encoder steps,
-//! queries that come rarely.
+//! queries that come rarely. So more periods of the same phases would tell nothing, but more phases do.
+//!
+//! Before all that, the motions of the first phases are run through once and not measured: they may bring an
+//! object that rested at a corner or an edge to other contacts, where it then stays.
 
 use std::f64::consts::TAU;
 
@@ -45,6 +48,15 @@ pub struct Response {
     pub samples: Vec<Vec<Matrix>>,
 }
 
+impl Response {
+    /// Takes the samples of another measurement of the same port, with other phases.
+    pub fn add(&mut self, other: Self) {
+        for (samples, more) in self.samples.iter_mut().zip(other.samples) {
+            samples.extend(more);
+        }
+    }
+}
+
 /// The odd harmonics' frequencies, Hz.
 pub fn frequencies() -> Vec<f64> {
     harmonics().map(|harmonic| harmonic as f64 / (LENGTH as f64 * PERIOD)).collect()
@@ -57,13 +69,18 @@ fn harmonics() -> impl Iterator<Item = usize> {
 /// Measures the response of a port about a pose of the handle.
 pub fn measure(port: &mut dyn Port, about: &Pose, design: &Design, seed: u64) -> Response {
     let mut rng = StdRng::seed_from_u64(seed);
+    let sets: Vec<_> = (0..design.sets).map(|_| phases(&mut rng)).collect();
+    for phases in sets.iter().take(1) {
+        for experiment in 0..6 {
+            let _ = follow(port, about, &path(design, phases, experiment));
+        }
+    }
     let mut samples = vec![Vec::new(); harmonics().count()];
-    for _ in 0..design.sets {
-        let phases = phases(&mut rng);
+    for phases in &sets {
         let mut moved = vec![Matrix::zeros(); samples.len()];
         let mut resisted = moved.clone();
         for experiment in 0..6 {
-            let path = path(design, &phases, experiment);
+            let path = path(design, phases, experiment);
             let _ = follow(port, about, &path[LENGTH - SETTLING..]);
             let (motion, wrench) = follow(port, about, &path);
             for (line, harmonic) in harmonics().enumerate() {

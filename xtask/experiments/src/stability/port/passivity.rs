@@ -5,10 +5,11 @@ use palpate::device::Emulation;
 use super::super::grid::Plan;
 use super::super::page::{Section, Table, Verdict, row};
 use super::certificate::Certificate;
+use super::driven::Driven;
 use super::frozen::Frozen;
-use super::multisine::{self, Design};
+use super::multisine::{self, Design, Response};
 use super::rendered::{self, Rendered};
-use super::states::{self, Conditions, Scenery, State};
+use super::states::{self, AtRest, Conditions, Scenery, State};
 
 /// Delays of the device, s.
 const DELAYS: [f64; 5] = [0.0, 1e-3, 2e-3, 5e-3, 5e-4];
@@ -16,8 +17,14 @@ const DELAYS: [f64; 5] = [0.0, 1e-3, 2e-3, 5e-3, 5e-4];
 /// enough that contacts change little.
 const ROUNDED_AMPLITUDE: f64 = 6e-5;
 const AMPLITUDE: f64 = 2e-5;
-/// Sets of phases of a measurement.
+/// Sets of phases that are measured in a session.
 const SETS: usize = 3;
+/// Largest number of sessions at a state, and the share of the noise that is allowed that they aim at: the
+/// first session tells its noise only roughly.
+const MOST_SESSIONS: usize = 8;
+const AIM: f64 = 0.5;
+/// Seed of the phases of the first session; each further one has the next.
+const FIRST_SEED: u64 = 7;
 /// Coefficient of friction of every third state.
 const FRICTION: f64 = 0.3;
 /// Delay of the negative control, s, that the session is not told of.
@@ -40,6 +47,8 @@ struct Case {
 /// Measurements at a state of contact.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured {
+    /// Number of sessions.
+    pub sessions: usize,
     pub certificate: Certificate,
     pub rendered: Rendered,
     /// Least eigenvalue with its noise by the device's viscous damping alone.
@@ -51,6 +60,9 @@ pub struct Measured {
     restless: f64,
     /// Steps in which the object waited for newer contacts, while it was measured.
     waited: u64,
+    /// How often a session dropped the wrench while it was measured, since more energy had come out than it
+    /// allows.
+    dropped: u64,
 }
 
 /// Maps the states of contact.
@@ -71,14 +83,23 @@ pub fn map(plan: &Plan, section: &mut Section) -> Result<(), String> {
         })
         .collect();
     let measured = plan.each("port: states", &cases, |case| measure(&case.state, &sceneries, &case.at))?;
+    let reached = reached(&cases, &measured);
+    let at = |holds: &dyn Fn(&Measured) -> bool| names(&reached, holds);
     section.paragraphs.push(format!(
         "A session is driven into {} states of contact of the jaws, of a nut on a bolt and of a peg in a hole, with contacts \
          as constraints, delays of 0 to 5 ms, encoder steps or none, contacts at 50 to 1,000 Hz, and friction of {FRICTION} in \
          every third state, where most contacts stick. There the handle is moved along and about all axes by small multisines, and \
          the response of the wrench measured up to half the sampling rate. The least eigenvalue is the part of the device's \
          damping that is left in the worst direction: 1 where the session needs none, and negative where a hand can draw \
-         energy. The noise is four standard errors, from the differences between {SETS} sets of phases.",
+         energy. The noise is four standard errors, from the differences between sets of phases. {SETS} sets are measured in a \
+         session. Where they are too noisy to tell, so many more sessions follow, with other phases, as should bring the noise \
+         down to what is allowed: up to {MOST_SESSIONS} sessions, or {} sets, in all. That was so at {}. No session is measured \
+         for longer, since it drops its wrench once more energy has come out than it allows since the wrench was last zero, \
+         and there is no damping here that takes up what comes out. While it was measured, that happened at {}.",
         cases.len(),
+        MOST_SESSIONS * SETS,
+        listed(&at(&|found| found.sessions > 1), cases.len()),
+        listed(&at(&|found| found.dropped > 0), cases.len()),
     ));
     section.tables.push(table(&cases, &measured));
     section.verdicts.extend(verdicts(&cases, &measured));
@@ -105,20 +126,18 @@ fn conditions(index: usize, scenery: usize) -> Conditions {
     }
 }
 
-/// Measures at a state; nothing if no contact is reached.
+/// Measures at a state; nothing if no contact is reached. How many sessions are measured is decided once, by
+/// the noise of the first: to stop when the noise happens to be low would let it look lower than it is.
 ///
 /// # Errors
-/// If the session cannot start.
+/// If a session cannot start.
 pub fn measure(
     state: &State,
     sceneries: &[Scenery],
     conditions: &Conditions,
 ) -> Result<Option<Measured>, String> {
-    let Some((mut session, about, rest)) = state.reach(sceneries, conditions)? else { return Ok(None) };
-    let before = session.haptic().telemetry().events.waited;
     let amplitude = if conditions.encoders { ROUNDED_AMPLITUDE } else { AMPLITUDE };
     let design = Design { amplitude, sets: SETS };
-    let response = multisine::measure(&mut session, &about, &design, 7);
     let bare = Emulation::default().handle;
     let mut handle = bare;
     if conditions.encoders {
@@ -126,41 +145,75 @@ pub fn measure(
         handle.damping += bare.friction * linear;
         handle.angular_damping += bare.angular_friction * angular;
     }
-    let haptic = session.haptic();
-    let (coupling, lags) = (haptic.coupling(), haptic.velocity_lags());
+    let (mut waited, mut dropped) = (0, 0);
+    let mut session = |seed: u64| -> Result<Option<(Driven, AtRest, Response)>, String> {
+        let Some((mut session, about, rest)) = state.reach(sceneries, conditions)? else { return Ok(None) };
+        let before = session.haptic().telemetry().events;
+        let response = multisine::measure(&mut session, &about, &design, seed);
+        let after = session.haptic().telemetry().events;
+        waited += after.waited - before.waited;
+        dropped += after.energy_created - before.energy_created;
+        Ok(Some((session, rest, response)))
+    };
+    let Some((first, rest, mut response)) = session(FIRST_SEED)? else { return Ok(None) };
+    let (coupling, lags) = (first.haptic().coupling(), first.haptic().velocity_lags());
+    let judged = |response: &Response| {
+        let certificate = Certificate::of(response, &handle, conditions.delay);
+        (certificate, Rendered::of(response, coupling, lags, &rest.felt))
+    };
+    let (certificate, rendered) = judged(&response);
+    let sessions = sessions(f64::max(certificate.largest_noise / MAX_NOISE, rendered.noise / MAX_RENDERED));
+    for seed in (FIRST_SEED..).take(sessions).skip(1) {
+        if let Some((_, _, more)) = session(seed)? {
+            response.add(more);
+        }
+    }
+    let (certificate, rendered) = judged(&response);
     Ok(Some(Measured {
-        certificate: Certificate::of(&response, &handle, conditions.delay),
+        sessions,
+        certificate,
         viscous: Certificate::of(&response, &bare, conditions.delay).bound,
-        rendered: Rendered::of(&response, coupling, lags, &rest.felt),
+        rendered,
         stiffness: coupling.linear_stiffness,
         force: rest.felt.force.length(),
         restless: rest.restless,
-        waited: haptic.telemetry().events.waited - before,
+        waited,
+        dropped,
     }))
+}
+
+/// The number of sessions that bring the noise down to what is allowed, by the ratio of the first session's
+/// noise to that. Noise falls with the square root of their number.
+pub fn sessions(ratio: f64) -> usize {
+    let needed = if ratio > 1.0 { (ratio / AIM).powi(2).ceil() } else { 1.0 };
+    (needed as usize).clamp(1, MOST_SESSIONS)
 }
 
 fn table(cases: &[Case], measured: &[Option<Measured>]) -> Table {
     let rows = cases.iter().zip(measured).map(|(Case { name, at, .. }, found)| {
         let mut row = row![name, at.delay, at.encoders, at.rate, at.friction, found.is_some()];
-        if let Some(Measured { certificate, rendered, viscous, stiffness, force, restless, waited }) = found {
+        if let Some(found) = found {
+            let Measured { certificate, rendered, .. } = found;
             row.extend(row![
-                force,
-                restless,
-                stiffness,
-                waited,
+                found.force,
+                found.restless,
+                found.stiffness,
+                found.waited,
+                found.sessions,
+                found.dropped,
                 certificate.least,
                 certificate.frequency,
                 certificate.noise,
                 certificate.bound,
                 certificate.largest_noise,
-                viscous,
+                found.viscous,
                 rendered.deviation,
                 rendered.noise,
                 rendered.stiffness,
                 rendered.damping,
             ]);
         }
-        row.resize(20, String::new());
+        row.resize(22, String::new());
         row
     });
     let columns = vec![
@@ -174,6 +227,8 @@ fn table(cases: &[Case], measured: &[Option<Measured>]) -> Table {
         "change_at_rest_n",
         "coupling_stiffness_n_m",
         "waited_steps",
+        "sessions",
+        "dropped_wrenches",
         "least_eigenvalue",
         "at_hz",
         "noise_there",
@@ -188,9 +243,13 @@ fn table(cases: &[Case], measured: &[Option<Measured>]) -> Table {
     Table { name: "port".to_owned(), columns, rows: rows.collect() }
 }
 
+/// The states with contact.
+fn reached<'a>(cases: &'a [Case], measured: &'a [Option<Measured>]) -> Vec<(&'a Case, &'a Measured)> {
+    cases.iter().zip(measured).filter_map(|(case, found)| Some((case, found.as_ref()?))).collect()
+}
+
 fn verdicts(cases: &[Case], measured: &[Option<Measured>]) -> Vec<Verdict> {
-    let found: Vec<(&Case, &Measured)> =
-        cases.iter().zip(measured).filter_map(|(case, found)| Some((case, found.as_ref()?))).collect();
+    let found = reached(cases, measured);
     let restless = names(&found, |found| found.restless > MAX_RESTLESS);
     let most = found.iter().map(|(_, found)| found.restless).fold(0.0, f64::max);
     let mut verdicts = vec![
@@ -302,7 +361,8 @@ fn controls(cases: &[Case], sceneries: &[Scenery]) -> Result<Vec<Verdict>, Strin
         verdicts.push(caught(&who, bound));
     }
     let (mut frozen, about) = Frozen::start((400.0, 0.15), 50.0)?;
-    let response = multisine::measure(&mut frozen, &about, &Design { amplitude: AMPLITUDE, sets: SETS }, 7);
+    let response =
+        multisine::measure(&mut frozen, &about, &Design { amplitude: AMPLITUDE, sets: SETS }, FIRST_SEED);
     let bound = Certificate::of(&response, &Emulation::default().handle, 0.0).bound;
     verdicts.push(caught("a contact whose force is frozen between queries at 50 Hz", bound));
     Ok(verdicts)

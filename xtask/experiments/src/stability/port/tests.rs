@@ -3,6 +3,8 @@
 use palpate::device::Emulation;
 use palpate::glam::DVec3;
 use palpate::{Pose, Wrench};
+use rand::rngs::StdRng;
+use rand::{RngExt as _, SeedableRng as _};
 
 use super::super::conditions::SampledWall;
 use super::ball::BallOnTable;
@@ -11,7 +13,7 @@ use super::certificate::{Certificate, left};
 use super::driven::{PERIOD, Port};
 use super::hands::{self, Genes};
 use super::multisine::{self, C64, Design, Matrix};
-use super::passivity::measure;
+use super::passivity::{measure, sessions};
 use super::states::{Conditions, Scenery, State};
 
 /// A spring along x, y and z, and about them.
@@ -67,6 +69,51 @@ fn a_steady_torque_gives_a_symmetric_response() {
     let largest = response.samples[0][0].iter().map(|entry| entry.norm()).fold(0.0, f64::max);
     assert!(largest < 0.06, "{largest}");
     assert!(found.largest_noise < 1.0, "{found:?}");
+}
+
+/// A spring whose force is off by something random at each step, in the first half of a second by much.
+struct Noisy {
+    rng: StdRng,
+    steps: usize,
+}
+
+impl Noisy {
+    const STIFFNESS: f64 = 50.0;
+
+    fn new(seed: u64) -> Self {
+        Self { rng: StdRng::seed_from_u64(seed), steps: 0 }
+    }
+}
+
+impl Port for Noisy {
+    fn step(&mut self, handle: &Pose) -> Wrench {
+        self.steps += 1;
+        let size = if self.steps < 500 { 1.0 } else { 1e-4 };
+        let mut any = || self.rng.random_range(-size..=size);
+        let off = DVec3::new(any(), any(), any());
+        Wrench::new(handle.translation * -Self::STIFFNESS + off, DVec3::ZERO)
+    }
+}
+
+/// Sessions are measured until the noise is small enough, as far as the first one tells how many it takes.
+#[test]
+fn more_sessions_bring_the_noise_down_to_what_is_allowed() {
+    assert_eq!(sessions(0.0), 1);
+    assert_eq!(sessions(1.0), 1);
+    assert_eq!(sessions(1.001), 5, "half of what is allowed needs four times the samples");
+    assert_eq!(sessions(100.0), 8, "not without end");
+    assert_eq!(sessions(f64::INFINITY), 8);
+    let handle = Emulation::default().handle;
+    let design = Design { amplitude: 1e-5, sets: 3 };
+    let part = |seed| multisine::measure(&mut Noisy::new(seed), &Pose::IDENTITY, &design, seed);
+    let mut response = part(1);
+    let first = Certificate::of(&response, &handle, 0.0).largest_noise;
+    // What is off by much, before anything is measured, counts for nothing.
+    assert!(first > 0.0 && first < 0.5, "{first}");
+    (2..=16).for_each(|seed| response.add(part(seed)));
+    let all = Certificate::of(&response, &handle, 0.0).largest_noise;
+    assert!((0.15..0.35).contains(&(all / first)), "{first} of one session, {all} of sixteen");
+    assert_eq!(response.samples[0].len(), 48);
 }
 
 #[test]
