@@ -13,9 +13,10 @@ pub mod triangle_tree;
 #[doc = include_str!("../../README.md")]
 struct Readme;
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io::Write as _;
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex, OnceLock};
 
 use palpate::clod_build::unwatched;
 use palpate::collide::{ContactQuery, QuerySettings};
@@ -62,16 +63,29 @@ pub fn shared_mesh(path: &str) -> Option<TriMesh> {
     }
 }
 
-/// Returns a built-in model with a newly built hierarchy, regardless of the user's cache.
+/// Returns a built-in model, built once for all tests of a program, regardless of the user's cache.
 ///
 /// # Panics
 /// If there is no such model.
 pub fn model(name: &str) -> Object {
-    let options = OpenOptions { cache: false, ..OpenOptions::default() };
-    match Object::open(name, &options, &mut unwatched) {
-        Ok(object) => object,
-        Err(error) => panic!("{error}"),
-    }
+    static MODELS: Mutex<BTreeMap<String, Arc<OnceLock<Object>>>> = Mutex::new(BTreeMap::new());
+    let model = Arc::clone(MODELS.lock().expect("no panic").entry(name.to_owned()).or_default());
+    let open = || {
+        let options = OpenOptions { cache: false, ..OpenOptions::default() };
+        match Object::open(name, &options, &mut unwatched) {
+            Ok(object) => object,
+            Err(error) => panic!("{error}"),
+        }
+    };
+    model.get_or_init(open).clone()
+}
+
+/// Returns the hierarchy of a [model](model()) with so many triangles.
+///
+/// # Panics
+/// If there is no such model.
+pub fn hierarchy(model: Model, triangles: usize) -> Arc<Clod> {
+    self::model(&format!("{}@{triangles}", model.name())).clod
 }
 
 /// Returns a smooth step from 0 at one time to 1 at another, with zero slope at both.

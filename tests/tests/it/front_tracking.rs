@@ -2,18 +2,17 @@
 //! from the roots.
 
 use palpate::Pose;
-use palpate::clod_build::{BuildOptions, build, unwatched};
 use palpate::collide::{ContactQuery, PatchContact, QuerySettings, Shape};
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
+use palpate_tests::hierarchy;
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 
 const SEED: u64 = 0x000F_2047;
 
 fn shape(model: Model, triangles: usize) -> Shape {
-    let mesh = model.generate(triangles).expect("in range");
-    Shape::new(build(&mesh, &BuildOptions::default(), &mut unwatched).expect("built-in models can be built"))
+    Shape::new(hierarchy(model, triangles))
 }
 
 fn vector(rng: &mut StdRng) -> DVec3 {
@@ -72,7 +71,7 @@ fn a_tracked_front_finds_what_a_cold_query_does() {
         let mut shared = ContactQuery::new(probe, scene);
         let (mut contacts, mut looked_at) = (0, [0, 0]);
         for error in [0.0, 0.004, 0.025] {
-            for (index, pose) in wander(&mut rng, at, radius, 250).iter().enumerate() {
+            for (index, pose) in wander(&mut rng, at, radius, 400).iter().enumerate() {
                 // Tolerance and threshold change now and then.
                 let tolerance = radius * if index / 50 % 3 == 2 { 0.02 } else { 0.01 };
                 let error = error * radius * if index / 70 % 2 == 1 { 1.5 } else { 1.0 };

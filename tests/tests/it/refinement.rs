@@ -1,9 +1,8 @@
 //! Selective refinement (§3.4.3): contacts at the coarsest resolution that an error threshold allows.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use palpate::Pose;
-use palpate::clod_build::{BuildOptions, build, unwatched};
 use palpate::collide::{
     Budget, ContactQuery, ErrorMetrics, QueryError, QuerySettings, Shape, VelocityMetric, ViewMetric,
 };
@@ -11,14 +10,10 @@ use palpate::core::Clod;
 use palpate::core::Twist;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::Model;
-
-fn hierarchy(model: Model, triangles: usize) -> Clod {
-    let mesh = model.generate(triangles).expect("in range");
-    build(&mesh, &BuildOptions::default(), &mut unwatched).expect("built-in models can be built")
-}
+use palpate_tests::hierarchy;
 
 /// Two objects, and poses of the first: from apart to pressed into the second, turning.
-type Scene = (&'static str, Clod, Clod, Vec<Pose>);
+type Scene = (&'static str, Arc<Clod>, Arc<Clod>, Vec<Pose>);
 
 fn scenes() -> &'static [Scene] {
     static SCENES: OnceLock<Vec<Scene>> = OnceLock::new();
