@@ -111,10 +111,14 @@ fn experiment(name: &str, passed: &Passed) -> Result<(), Failure> {
 /// whose SDK takes many minutes to build: `cargo test -p palpate-rerun` tests it.
 const WORKSPACE: [&str; 4] = ["--workspace", "--exclude", "palpate-rerun", "--all-features"];
 
-/// Profile settings that turn assertions and overflow checks off, as in release builds. Dependencies are not
-/// rebuilt.
-const UNCHECKED: [(&str, &str); 2] =
-    [("CARGO_PROFILE_DEV_DEBUG_ASSERTIONS", "false"), ("CARGO_PROFILE_DEV_OVERFLOW_CHECKS", "false")];
+/// Profile settings that turn assertions and overflow checks off, as in release builds, and with which
+/// compiling takes less time. Dependencies are not rebuilt.
+const UNCHECKED: [(&str, &str); 4] = [
+    ("CARGO_PROFILE_DEV_DEBUG_ASSERTIONS", "false"),
+    ("CARGO_PROFILE_DEV_OVERFLOW_CHECKS", "false"),
+    ("CARGO_PROFILE_DEV_OPT_LEVEL", "1"),
+    ("CARGO_PROFILE_DEV_DEBUG", "0"),
+];
 
 fn test() -> Result<(), Failure> {
     packages::ensure_vulkan()?;
