@@ -227,17 +227,8 @@ impl ContactLoop {
                     starts.push(Start::new(on, (is_probe, true), index, (at, along), sample.distance));
                 });
             }
-            let first = far.len();
             let sides = [(probe, scene, true), (scene, probe, false)];
-            let are_all = wanted <= reach
-                || FAR_SIZES.iter().any(|size| {
-                    far.truncate(first);
-                    sides.into_iter().all(|sides| start_far(far, sides, index, (reach, wanted), size * reach))
-                });
-            if !are_all {
-                far.truncate(first);
-            }
-            room = room.min(if are_all { wanted } else { reach });
+            room = room.min(start_all_far(far, sides, index, (reach, wanted)));
             geometry.objects.push(object);
         }
         room
@@ -303,6 +294,29 @@ impl ContactLoop {
         }
         Some(room)
     }
+}
+
+/// Starts points in parts of two surfaces that are further from each other than the first of two reaches (m).
+/// Returns how far the bodies are from touching in any other part, m: the second reach, or less where its
+/// parts are too many.
+fn start_all_far(
+    far: &mut Vec<Start>,
+    sides: [(Sampled<'_>, Sampled<'_>, bool); 2],
+    object: u8,
+    (reach, wanted): (f64, f64),
+) -> f64 {
+    let first = far.len();
+    let mut within = wanted;
+    while within > reach {
+        for size in FAR_SIZES {
+            if sides.into_iter().all(|sides| start_far(far, sides, object, (reach, within), size * reach)) {
+                return within;
+            }
+            far.truncate(first);
+        }
+        within *= 0.5;
+    }
+    reach
 }
 
 /// Starts points in parts of about a size (m) of a surface that are within reaches (m) of another one;
