@@ -22,10 +22,15 @@ const LATE_OVERLAP: f64 = 1e-4;
 
 /// A box with these edges, m, about the origin.
 fn block(edges: DVec3) -> Object {
+    block_about(DVec3::ZERO, edges)
+}
+
+/// A box with these edges about a centre, m.
+fn block_about(center: DVec3, edges: DVec3) -> Object {
     let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
     let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    let mesh = TriMesh::new((0..8).map(|i| corner(i) * edges).collect(), triangles).expect("a mesh");
+    let mesh = TriMesh::new((0..8).map(|i| center + corner(i) * edges).collect(), triangles).expect("a mesh");
     Object::from_mesh("box", &mesh).expect("a box")
 }
 
@@ -203,17 +208,23 @@ fn a_box_that_is_rubbed_over_a_rim_does_not_enter_it() {
     }
 }
 
+/// Also where the origin of its mesh is far from it.
 #[test]
 fn a_box_found_in_fields_slides() {
     let settings = found_by(ContactSearch::Representatives, Response::Constraints, 0.0);
-    let (probe, plate) = (block(DVec3::splat(0.03)), block(DVec3::new(0.06, 0.06, 0.005)));
+    let plate = block(DVec3::new(0.06, 0.06, 0.005));
     let below = Pose::from_translation(DVec3::NEG_Z * 0.0025);
-    let mut rig = Rig::new(&probe, &[(plate, below)], rubbing(DVec3::ZERO), settings, 100.0);
-    for _ in 0..1000 {
-        rig.step();
+    for center in [DVec3::ZERO, DVec3::X * 0.7] {
+        let probe = block_about(center, DVec3::splat(0.03));
+        let mut rig = Rig::new(&probe, &[(plate.clone(), below)], rubbing(DVec3::ZERO), settings, 100.0);
+        for _ in 0..1000 {
+            rig.step();
+        }
+        let waited = rig.session.events().waited;
+        println!("about {center}: waits in {waited} steps, {:.1e} m", rig.deepest);
+        assert!(waited < 100, "about {center}: waits in {waited} of 1000 steps");
+        assert!(rig.deepest < OVERLAP, "about {center}: {} m", rig.deepest);
     }
-    let waited = rig.session.events().waited;
-    assert!(waited < 100, "waits in {waited} of 1000 steps");
 }
 
 #[test]

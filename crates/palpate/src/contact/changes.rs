@@ -1,5 +1,6 @@
 //! Changes of the scene and of live settings between the steps of the contact loop.
 
+use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::BodyState;
 
@@ -272,7 +273,7 @@ impl ContactLoop {
             if let Ok(fields) = &mut self.by_fields {
                 fields.scene_has_changed();
             }
-            let size = object.bounding_radius();
+            let size = object.radius_about(DVec3::ZERO);
             if pose.translation.distance(body.pose.translation)
                 < size + self.radius + self.lookahead.max_motion()
             {

@@ -171,9 +171,9 @@ impl ContactLoop {
         let surface: Arc<FeatureMesh> = self.objects.get(place)?.as_ref()?.object.features()?;
         let pose = *self.scene.pose(handle)?;
         let motion: MovingBody = counterpart(&self.objects, &self.scene, Some(place)).body();
-        let radius = self.objects.get(place)?.as_ref()?.object.bounding_radius();
-        let center = motion.twist.velocity_at(pose.translation);
-        let speed = center.length() + motion.twist.angular.length() * radius;
+        let radius = self.objects.get(place)?.as_ref()?.object.radius_about(DVec3::ZERO);
+        let origin = motion.twist.velocity_at(pose.translation);
+        let speed = origin.length() + motion.twist.angular.length() * radius;
         Some(NearObject { place, surface, pose, motion, speed })
     }
 

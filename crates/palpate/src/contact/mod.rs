@@ -167,7 +167,7 @@ impl ContactLoop {
             let surfaces = std::iter::once(probe).chain(scene.iter().map(|placed| &placed.object));
             surfaces.for_each(|object| drop(object.features()));
         }
-        let radius = probe.bounding_radius() + probe.clod.source.center_of_mass.length();
+        let radius = probe.radius_about(center_of_mass);
         let (query, objects) = place_objects(probe, scene);
         let with_places = objects_of(&objects);
         let textures = Textures::new(probe, &with_places, settings, parameters.tolerance, radius)?;

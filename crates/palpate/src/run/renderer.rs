@@ -253,7 +253,8 @@ impl<T: Tool> HapticRenderer<T> {
             max_damping: gains.max_damping,
             period,
         };
-        let radii: Vec<f64> = bodies.iter().map(|(object, _)| radius_about_center_of_mass(object)).collect();
+        let radii: Vec<f64> =
+            bodies.iter().map(|(object, _)| object.radius_about(object.clod.source.center_of_mass)).collect();
         let specification = device.specification();
         let haptic = HapticLoop::new(tool, loop_settings, state, specification, gripper, &radii);
         let searching = Settings { search: SearchSettings { method: search, ..settings.search }, ..settings };
@@ -382,12 +383,6 @@ impl HapticRenderer {
 #[expect(clippy::expect_used, reason = "a session has a contact loop for each body")]
 pub(crate) fn per_body<T: Tool, X>(values: impl Iterator<Item = X>) -> T::PerBody<X> {
     T::per_body(values).expect("a value for each body")
-}
-
-/// Bounding radius of an object about its centre of mass, m.
-fn radius_about_center_of_mass(object: &Object) -> f64 {
-    let source = &object.clod.source;
-    object.bounding_radius() + source.center_of_mass.distance(source.center)
 }
 
 /// Adds the moving object of `leader` to the scene of `session`.

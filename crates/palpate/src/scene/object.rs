@@ -377,6 +377,11 @@ impl Object {
     pub fn bounding_radius(&self) -> f64 {
         self.clod.bounding_radius()
     }
+
+    /// Radius of a sphere about a point of the mesh's frame that contains the bounding sphere, m.
+    pub(crate) fn radius_about(&self, point: DVec3) -> f64 {
+        self.bounding_radius() + self.clod.source.center.distance(point)
+    }
 }
 
 fn scaled(mesh: TriMesh, scale: f64, name: &str) -> Result<TriMesh, OpenError> {
