@@ -96,7 +96,7 @@ fn the_window_shows_a_session() {
 fn the_mouse_moves_the_hand() {
     let Some(display) = Display::open() else { return };
     let folder = tempfile::tempdir().expect("temporary folder");
-    let session = ["ellipsoid@500", "golf-ball@1000", "--seconds", "12", "--record", "r.csv"];
+    let session = ["ellipsoid@500", "golf-ball@1000", "--seconds", "120", "--record", "r.csv"];
     let child = display.view(&session, folder.path());
 
     let (pointer, screen) = x11rb::connect(Some(&display.name)).expect("the display answers");
@@ -121,6 +121,9 @@ fn the_mouse_moves_the_hand() {
         send(MOTION_NOTIFY_EVENT, 0, 400, 300 + 10 * step);
     }
     send(BUTTON_RELEASE_EVENT, 1, 0, 0);
+    sleep(Duration::from_secs(2));
+    let ended = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+    assert!(ended.is_ok_and(|status| status.success()), "the session is interrupted");
     succeeded(&child.wait_with_output().expect("it ends"));
 
     let mut rows = csv::Reader::from_path(folder.path().join("r.csv")).expect("a recording");
