@@ -81,8 +81,8 @@ impl Default for Pose {
 impl Mul for Pose {
     type Output = Self;
 
-    #[inline]
     /// Composition: `(a * b)` places b's local frame inside a's.
+    #[inline]
     fn mul(self, inner: Self) -> Self {
         Self {
             translation: self.transform_point(inner.translation),

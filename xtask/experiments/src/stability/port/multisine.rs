@@ -70,7 +70,7 @@ fn harmonics() -> impl Iterator<Item = usize> {
 pub fn measure(port: &mut dyn Port, about: &Pose, design: &Design, seed: u64) -> Response {
     let mut rng = StdRng::seed_from_u64(seed);
     let sets: Vec<_> = (0..design.sets).map(|_| phases(&mut rng)).collect();
-    for phases in sets.iter().take(1) {
+    if let Some(phases) = sets.first() {
         for experiment in 0..6 {
             let _ = follow(port, about, &path(design, phases, experiment));
         }
