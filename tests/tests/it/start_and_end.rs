@@ -257,14 +257,16 @@ fn a_process_that_was_suspended_starts_from_zero() {
     let before = device.forces.len();
     device.pass(Duration::from_millis(400));
     assert_eq!(device.forces.len(), before, "a suspended process sends nothing");
+    // The first forces wait in the socket while `kill` ends, so the rise is timed from the signal.
+    let resumed = device.start.elapsed();
     device.signal("CONT");
     device.pass(Duration::from_millis(800));
-    let (again, first) = device.forces[before];
+    let (_, first) = device.forces[before];
     println!("{first} N came first");
     assert_eq!(first, 0.0, "N, after it was suspended");
     let peak = specification().peak_force;
     for pair in device.forces[before..].windows(2) {
-        let ([(then, last), (now, force)], up) = ([pair[0], pair[1]], pair[1].0 - again);
+        let ([(then, last), (now, force)], up) = ([pair[0], pair[1]], pair[1].0 - resumed);
         // It comes up over 200 ms.
         let share = (up.as_secs_f64() / 0.2).min(1.0);
         assert!(force <= peak * share * share * 3.0 + 1e-9, "{force} N after {up:?}");
