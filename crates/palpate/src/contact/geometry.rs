@@ -57,6 +57,7 @@ pub(crate) struct ContactGeometry {
     /// Centre of mass of the body in its mesh's frame, m.
     pub center_of_mass: DVec3,
     pub objects: ArrayVec<NearObject, MAX_OBJECTS>,
+    /// Those of each object in turn.
     pub points: ArrayVec<GuardedPoint, MAX_POINTS>,
     /// The region in which the points are all that can be touched.
     pub bound: MotionBound,
@@ -71,7 +72,7 @@ pub(crate) struct ContactGeometry {
 /// each object in turn, so that a step passes over all of them in a few instructions.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Slacks {
-    /// In the order of the points, which [`ContactGeometry::assign`] makes that of the objects.
+    /// In the order of the points.
     values: ArrayVec<f32, MAX_POINTS>,
     /// Number of points of the objects up to each.
     ends: ArrayVec<u16, MAX_OBJECTS>,
@@ -160,7 +161,17 @@ impl ContactGeometry {
         found.take_over(before, friction);
     }
 
-    /// Copies another geometry, with its points in the order of the objects, and their slacks.
+    /// Guards points, as many as there is room for.
+    pub fn guard(&mut self, points: &[GuardedPoint]) {
+        let points = &points[..points.len().min(MAX_POINTS)];
+        self.points.clear();
+        for index in 0..self.objects.len() {
+            let own = points.iter().filter(|point| usize::from(point.object) == index);
+            self.points.extend(own.copied());
+        }
+    }
+
+    /// Copies another geometry, and its points' slacks.
     pub fn assign(&mut self, found: &Self, slacks: &mut Slacks) {
         let Self { probe, center_of_mass, objects, points, bound, friction, margin, age } = self;
         if !Arc::ptr_eq(probe, &found.probe) {
@@ -175,15 +186,14 @@ impl ContactGeometry {
         }
         objects.extend(found.objects[known..].iter().cloned());
         points.clear();
+        let copied = points.try_extend_from_slice(&found.points);
+        debug_assert!(copied.is_ok(), "both hold as many");
         slacks.values.clear();
+        slacks.values.extend(points.iter().map(|point| point.slack));
         slacks.ends.clear();
         for index in 0..objects.len() {
-            let own = found.points.iter().filter(|point| usize::from(point.object) == index);
-            for point in own {
-                points.push(*point);
-                slacks.values.push(point.slack);
-            }
-            slacks.ends.push(points.len() as u16);
+            let end = points.partition_point(|point| usize::from(point.object) <= index);
+            slacks.ends.push(end as u16);
         }
     }
 
@@ -386,23 +396,20 @@ mod tests {
             margin: 0.0,
             age: 0.0,
         };
-        made.points = {
+        let points: Vec<GuardedPoint> = {
             let frames = made.frames(&Pose::IDENTITY);
             let point = |i: usize| {
-                GuardedPoint::new(
-                    (frames[i % 3].own(true).place_near(DVec3::X), 0.1),
-                    true,
-                    (i % 3) as u8,
-                    &frames[i % 3],
-                )
+                let within = (frames[i % 3].own(true).place_near(DVec3::X), 0.1);
+                GuardedPoint::new(within, true, (i % 3) as u8, &frames[i % 3])
             };
             (0..count).map(point).collect()
         };
+        made.guard(&points);
         made
     }
 
     #[test]
-    fn points_are_copied_in_the_order_of_the_objects() {
+    fn points_are_kept_in_the_order_of_the_objects() {
         let mut slacks = Slacks::default();
         let mut copy = geometry([9.0, 8.0, 7.0], 1);
         for (heights, count) in [([2.0, 3.0, 4.0], 10), ([5.0, 3.0, 4.0], 7), ([2.0, 3.0, 4.0], 0)] {
@@ -414,7 +421,9 @@ mod tests {
             assert_eq!(order, [0, 1, 2].into_iter().flat_map(wanted).collect::<Vec<u8>>());
             let of_points: Vec<f32> = copy.points.iter().map(|point| point.slack).collect();
             assert_eq!(slacks.values.as_slice(), of_points);
-            assert_eq!(slacks.ends.last().map(|end| usize::from(*end)), Some(count));
+            let ends: Vec<usize> = slacks.ends.iter().map(|end| usize::from(*end)).collect();
+            let until = |object: u8| order.iter().filter(|own| **own <= object).count();
+            assert_eq!(ends, [0, 1, 2].map(until));
             for (copy, found) in copy.objects.iter().zip(&found.objects) {
                 assert!(Arc::ptr_eq(&copy.surface, &found.surface) && copy.pose == found.pose);
             }

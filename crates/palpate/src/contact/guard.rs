@@ -243,7 +243,7 @@ impl Guard {
             }
             self.coarseness += 1;
         }
-        geometry.points.extend(self.points.iter().take(MAX_POINTS).copied());
+        geometry.guard(&self.points);
         let nearest = self.points.get(MAX_POINTS).map_or(f64::INFINITY, |point| point.slack.into());
         (nearest, self.points.len().saturating_sub(MAX_POINTS))
     }
