@@ -261,25 +261,24 @@ impl ContactLoop {
     pub(super) fn move_objects(&mut self, body: &BodyState, time: f64) {
         self.fastest = 0.0;
         for &place in &self.moving {
-            let Some(InScene { handle, object, moving: Some(moving), .. }) = &mut self.objects[place] else {
+            let Some(moved) = &mut self.objects[place] else { continue };
+            let Some(pose) = moved.moving.as_mut().and_then(|moving| moving.0.advance(time)) else {
                 continue;
             };
-            let Some(pose) = moving.0.advance(time) else { continue };
-            let Some(before) = self.scene.pose(*handle).copied() else { continue };
+            let Some(before) = self.scene.pose(moved.handle).copied() else { continue };
             if before == pose {
                 continue;
             }
-            self.scene.set_pose(*handle, &pose);
+            self.scene.set_pose(moved.handle, &pose);
             if let Ok(fields) = &mut self.by_fields {
                 fields.scene_has_changed();
             }
-            let size = object.radius_about(DVec3::ZERO);
+            let size = moved.object.radius_about(DVec3::ZERO);
             if pose.translation.distance(body.pose.translation)
                 < size + self.radius + self.lookahead.max_motion()
             {
                 self.proxy.object_has_moved(place, &before, &pose);
-                let Twist { linear, angular } = moving.0.twist();
-                self.fastest = self.fastest.max(linear.length() + angular.length() * size);
+                self.fastest = self.fastest.max(moved.speed());
             }
         }
     }

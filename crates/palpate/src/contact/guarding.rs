@@ -168,13 +168,11 @@ impl ContactLoop {
         if !self.is_guarded(place) {
             return None;
         }
-        let surface: Arc<FeatureMesh> = self.objects.get(place)?.as_ref()?.object.features()?;
+        let near = self.objects.get(place)?.as_ref()?;
+        let surface: Arc<FeatureMesh> = near.object.features()?;
         let pose = *self.scene.pose(handle)?;
         let motion: MovingBody = counterpart(&self.objects, &self.scene, Some(place)).body();
-        let radius = self.objects.get(place)?.as_ref()?.object.radius_about(DVec3::ZERO);
-        let origin = motion.twist.velocity_at(pose.translation);
-        let speed = origin.length() + motion.twist.angular.length() * radius;
-        Some(NearObject { place, surface, pose, motion, speed })
+        Some(NearObject { place, surface, pose, motion, speed: near.speed() })
     }
 
     /// Starts points at the samples in fields within the first of three reaches (m), at long edges, and in

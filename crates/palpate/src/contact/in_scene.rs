@@ -1,6 +1,8 @@
 //! The scene objects of a contact loop.
 
 use palpate_collide::ObjectHandle;
+use palpate_core::Twist;
+use palpate_core::glam::DVec3;
 
 use super::group::ContactGroup;
 use crate::scene::SceneId;
@@ -21,6 +23,12 @@ impl InScene {
     /// An object that stands still.
     pub fn new(id: SceneId, handle: ObjectHandle, object: &Object) -> Self {
         Self { id, handle, object: object.clone(), moving: None }
+    }
+
+    /// Bound on the speed of any of its points, m/s.
+    pub fn speed(&self) -> f64 {
+        let twist = self.moving.as_ref().map_or(Twist::ZERO, |moving| moving.0.twist());
+        twist.linear.length() + twist.angular.length() * self.object.radius_about(DVec3::ZERO)
     }
 }
 
