@@ -11,7 +11,7 @@ use super::grid::{Plan, pairs};
 use super::page::{Section, Table, Verdict, row};
 
 mod scans;
-mod session;
+pub mod session;
 
 /// Held jaw and fixed one, and how many triangles they have in quick maps.
 const JAWS: [&str; 2] = ["upper-jaw", "lower-jaw"];
@@ -23,7 +23,7 @@ const COUPLING_STIFFNESS: f64 = 500.0;
 
 /// Contacts between the jaws.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Contacts {
+pub enum Contacts {
     /// Penalty contacts by levels of detail, with details up to a share of the held jaw's bounding radius
     /// left out.
     Penalties(f64),
@@ -38,6 +38,11 @@ impl Contacts {
             Self::Penalties(error) => format!("penalties, s0 {} %", 100.0 * error),
             Self::Constraints => "constraints".to_owned(),
         }
+    }
+
+    /// A session of a light jaw on another, with contacts found at a rate (Hz).
+    pub fn case<'a>(self, probe: &'a Object, scene: &'a Scene, contact_rate: f64) -> Case<'a> {
+        Case { probe, scene, settings: self.settings(probe.bounding_radius()), contact_rate }
     }
 
     fn settings(self, radius: f64) -> Settings {
@@ -117,8 +122,7 @@ fn jaws(plan: &Plan, cases: &[(Contacts, f64)]) -> Result<Vec<Jaws>, String> {
     let scene = Scene::new().with(lower.clone(), Pose::IDENTITY);
     let sessions = pairs(cases, &[Hands::Exploring, Hands::Pressing]);
     let found = plan.each("extremes", &sessions, |((contacts, rate), hands)| {
-        let settings = contacts.settings(probe.bounding_radius());
-        Case { probe, scene: &scene, settings, contact_rate: *rate }.measure(*hands)
+        contacts.case(probe, &scene, *rate).measure(*hands)
     })?;
     let mut found = found.into_iter();
     let paired = cases.iter().map_while(|&(contacts, rate)| {

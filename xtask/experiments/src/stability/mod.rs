@@ -9,7 +9,7 @@ mod assembly;
 mod body;
 mod conditions;
 mod contacts;
-mod extremes;
+pub mod extremes;
 mod geometry;
 pub mod grid;
 mod lever;
