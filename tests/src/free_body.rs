@@ -21,18 +21,18 @@ pub struct FreeBody {
 
 impl FreeBody {
     /// Returns an object of a mass (kg) at rest, with the mesh's frame at a pose, and registers it with a
-    /// session by the host's period (s).
+    /// session by the host's period (s) and gravity (m/s²), which the host applies.
     pub fn new(
         object: &Object,
         id: SceneId,
         mass: f64,
         pose: Pose,
-        period: f64,
+        (period, gravity): (f64, DVec3),
         scene: &mut SceneEditor,
     ) -> Self {
         let center_of_mass = object.clod.source.center_of_mass;
         let inertia = object.clod.source.unit_inertia * mass;
-        let mobility = DynamicBody { mass, inertia, center_of_mass, period };
+        let mobility = DynamicBody { mass, inertia, center_of_mass, gravity, period };
         scene.set_dynamics(id, Some(mobility)).expect("a mobility");
         let pose = pose * Pose::from_translation(center_of_mass);
         Self { id, mass, inertia, center_of_mass, pose, twist: Twist::ZERO }
@@ -56,14 +56,18 @@ impl FreeBody {
         body.kinetic_energy(&BodyState { pose: self.pose, twist: self.twist })
     }
 
-    /// Takes a step of its world: applies the contact impulses on it, moves on, and reports its pose.
-    /// Impulses on other objects are discarded.
-    pub fn step(&mut self, dt: f64, reactions: &mut Reactions, scene: &mut SceneEditor) {
+    /// Applies the contact impulses on it. Impulses on other objects are discarded.
+    pub fn take(&mut self, reactions: &mut Reactions) {
         while let Some(reaction) = reactions.take() {
             if reaction.object == self.id {
                 self.push(reaction.linear, reaction.angular_about(self.pose.translation));
             }
         }
+    }
+
+    /// Takes a step of its world: applies the contact impulses on it, moves on, and reports its pose.
+    pub fn step(&mut self, dt: f64, reactions: &mut Reactions, scene: &mut SceneEditor) {
+        self.take(reactions);
         self.pose = self.pose.moved(&self.twist, dt);
         let mesh = self.mesh_pose();
         let arm = mesh.translation - self.pose.translation;

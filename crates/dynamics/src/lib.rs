@@ -94,4 +94,7 @@ pub use passivity::{PassivityController, PassivityObserver};
 pub use port::{LONGEST_LAG, PortAxes, PortLimits, Sampling};
 pub use saturation::{SlewLimit, angular_spring_torque, saturate, spring_force};
 pub use step::{Frame, MAX_SOLVES, Step, StepFailure, StepStatus, semi_implicit_step};
-pub use unilateral::{ConstrainedStep, MAX_UNILATERAL, MotionBound, UnilateralContact, constrained_step};
+pub use unilateral::{
+    ConstrainedStep, HostState, MAX_PUSHED, MAX_UNILATERAL, MotionBound, PushedBody, UnilateralContact,
+    constrained_step,
+};

@@ -185,7 +185,8 @@ fn a_free_object_is_gripped_and_carried_along() {
     let mut renderer = renderer_with(&scene, &settings, &GripperSettings::default());
     let (mut editor, mut reactions) = (renderer.scene_editor(), renderer.reactions());
     let [placed] = scene.objects() else { panic!("one object") };
-    let mut body = FreeBody::new(&placed.object, SceneId(0), mass, placed.pose, dt, &mut editor);
+    let mut body =
+        FreeBody::new(&placed.object, SceneId(0), mass, placed.pose, (dt, DVec3::ZERO), &mut editor);
     let start = body.pose;
     let mut session = renderer.lockstep(ContactTiming::busy(500.0));
     let (mut given, mut torque) = (DVec3::ZERO, f64::NAN);

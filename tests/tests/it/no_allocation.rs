@@ -67,6 +67,7 @@ fn run(probe: &Object, object: Object, steps: u32, moves: bool, settings: Settin
         mass: 0.1,
         inertia: source.unit_inertia * 0.1,
         center_of_mass: source.center_of_mass,
+        gravity: DVec3::ZERO,
         period: 1e-3,
     };
     let scene = Scene::new().with(object, Pose::IDENTITY);

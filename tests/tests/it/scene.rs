@@ -268,8 +268,13 @@ fn handles_taken_before_spawn_work_after_it() {
     assert_eq!(early_settings.settings().contact.stiffness, 700.0);
     // A reaction goes to one of the handles that take reactions.
     let mut scene = scene;
-    let mobility =
-        DynamicBody { mass: 1.0, inertia: DMat3::IDENTITY, center_of_mass: DVec3::ZERO, period: 1e-3 };
+    let mobility = DynamicBody {
+        mass: 1.0,
+        inertia: DMat3::IDENTITY,
+        center_of_mass: DVec3::ZERO,
+        gravity: DVec3::ZERO,
+        period: 1e-3,
+    };
     scene.set_dynamics(id, Some(mobility)).expect("known to both editors");
     let begun = std::time::Instant::now();
     for mut taker in [early_reactions, reactions] {

@@ -132,6 +132,7 @@ fn movable_entities_get_contact_impulses() {
         mass: 1.0,
         inertia: DMat3::from_diagonal(DVec3::splat(1e-3)),
         center_of_mass: DVec3::ZERO,
+        gravity: DVec3::ZERO,
         period: 1e-3,
     };
     let place = Transform::from_translation(below(&probe, &ball));

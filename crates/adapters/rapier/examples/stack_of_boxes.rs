@@ -190,7 +190,7 @@ impl Table {
 
     /// Lets a session touch all bodies.
     fn touch(&self, scene: &mut SceneEditor) -> Result<TouchedBodies, Box<dyn Error>> {
-        let mut touched = TouchedBodies::new(STEP);
+        let mut touched = TouchedBodies::new(STEP, self.world.gravity);
         for Thing { body, object, .. } in &self.things {
             touched.add(scene, &self.world.bodies, *body, object)?;
         }

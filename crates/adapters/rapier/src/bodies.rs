@@ -1,8 +1,10 @@
 //! Bodies of a world that a session touches: motion in one direction, impulses in the other.
 
 use palpate::errors::EditError;
+use palpate::glam::DVec3;
 use palpate::{DynamicBody, Object, Pose, Reaction, Reactions, SceneEditor, SceneId, Twist};
 use rapier3d::dynamics::{RigidBody, RigidBodyHandle, RigidBodySet};
+use rapier3d::math::Vector;
 
 use crate::convert::{pose, to_vector, vector};
 use crate::dynamic_body::dynamic_body;
@@ -40,8 +42,8 @@ pub enum TouchError {
 /// Each session that touches a world has its own instance.
 #[derive(Debug)]
 pub struct TouchedBodies {
-    /// Period of the world's steps, s.
-    period: f64,
+    /// Period of the world's steps, s, and its gravity, m/s².
+    world: (f64, DVec3),
     bodies: Vec<Touched>,
     /// Index of the first body to update next: the session had room for those before it.
     next: usize,
@@ -60,10 +62,10 @@ struct Touched {
 }
 
 impl TouchedBodies {
-    /// Returns an empty set for a world that is stepped every `period` (s): `IntegrationParameters::dt` if
-    /// the world keeps pace with the clock.
-    pub fn new(period: f64) -> Self {
-        Self { period, bodies: Vec::new(), next: 0 }
+    /// Returns an empty set for a world with a gravity that is stepped every `period` (s):
+    /// `IntegrationParameters::dt` if the world keeps pace with the clock.
+    pub fn new(period: f64, gravity: Vector) -> Self {
+        Self { world: (period, vector(gravity)), bodies: Vec::new(), next: 0 }
     }
 
     /// Adds a body as an object whose mesh has the body's frame. It is felt from the session's next contact
@@ -84,14 +86,14 @@ impl TouchedBodies {
         }
         let found = bodies.get(body).ok_or(TouchError::NoBody(body))?;
         let radius = object.clod.source.center.length() + object.bounding_radius();
-        if found.is_dynamic() && dynamic_body(found, radius, self.period).is_none() {
+        if found.is_dynamic() && dynamic_body(found, radius, self.world).is_none() {
             return Err(TouchError::NoMass(body));
         }
         let refused = |source| TouchError::Edit { body, source };
         let pose = pose(found.position());
         let id = scene.add(object, pose).map_err(refused)?;
         let mut touched = Touched { body, object: id, radius, pose, twist: Twist::ZERO, dynamic_body: None };
-        match touched.send_dynamics(scene, found, self.period) {
+        match touched.send_dynamics(scene, found, self.world) {
             // The update is repeated as soon as there is room.
             Ok(()) | Err(EditError::Full) => self.bodies.push(touched),
             Err(source) => {
@@ -106,8 +108,7 @@ impl TouchedBodies {
     /// first.
     ///
     /// # Errors
-    /// If it was not added, or too many changes are pending.
-    /// If it is not touched, or too many changes wait.
+    /// If it was not added, or too many changes wait.
     pub fn remove(&mut self, scene: &mut SceneEditor, body: RigidBodyHandle) -> Result<(), TouchError> {
         let place = self.bodies.iter().position(|touched| touched.body == body);
         let place = place.ok_or(TouchError::NotTouched(body))?;
@@ -161,10 +162,9 @@ impl TouchedBodies {
     /// longer has are removed, and changes of a body's mass or type are sent.
     ///
     /// # Errors
-    /// The first update that the session refused; the others are sent. If too many changes are pending, the
-    /// updates that were not sent come first in the next call. An object whose body has a pose or velocity
-    /// that is not finite stays where it was. the next time; where a body's pose or velocity is not finite,
-    /// its object stays where it was. The others are sent.
+    /// The first update that the session refused; the others are sent. If too many changes wait, the updates
+    /// that were not sent come first in the next call. An object whose body has a pose or velocity that is not
+    /// finite stays where it was.
     pub fn after_step(&mut self, scene: &mut SceneEditor, bodies: &RigidBodySet) -> Result<(), TouchError> {
         let mut result = Ok(());
         let mut gone = false;
@@ -175,7 +175,7 @@ impl TouchedBodies {
             let place = (first + turn) % count;
             let touched = &mut self.bodies[place];
             let sent = match bodies.get(touched.body) {
-                Some(body) => touched.send(scene, body, self.period),
+                Some(body) => touched.send(scene, body, self.world),
                 None => remove(scene, touched.object).inspect(|()| {
                     gone = true;
                     touched.body = RigidBodyHandle::invalid();
@@ -213,8 +213,13 @@ impl Touched {
     }
 
     /// Sends what has changed.
-    fn send(&mut self, scene: &mut SceneEditor, body: &RigidBody, period: f64) -> Result<(), EditError> {
-        self.send_dynamics(scene, body, period)?;
+    fn send(
+        &mut self,
+        scene: &mut SceneEditor,
+        body: &RigidBody,
+        world: (f64, DVec3),
+    ) -> Result<(), EditError> {
+        self.send_dynamics(scene, body, world)?;
         let pose = pose(body.position());
         let twist = twist(body, &pose);
         if (pose, twist) == (self.pose, self.twist) && twist == Twist::ZERO {
@@ -235,9 +240,9 @@ impl Touched {
         &mut self,
         scene: &mut SceneEditor,
         body: &RigidBody,
-        period: f64,
+        world: (f64, DVec3),
     ) -> Result<(), EditError> {
-        let dynamic_body = if body.is_dynamic() { dynamic_body(body, self.radius, period) } else { None };
+        let dynamic_body = if body.is_dynamic() { dynamic_body(body, self.radius, world) } else { None };
         if dynamic_body != self.dynamic_body {
             scene.set_dynamics(self.object, dynamic_body)?;
             self.dynamic_body = dynamic_body;

@@ -6,11 +6,11 @@ use rapier3d::dynamics::{MassProperties, RigidBody};
 
 use crate::convert::{rotation, vector};
 
-/// Returns the dynamics of a dynamic body in a world that is stepped every `period` (s); `None` if it has no
-/// mass. Locked axes count as free, which makes contacts softer than necessary. An axis about which the body
+/// Returns the dynamics of a dynamic body in a world that is stepped every `period` (s), with a gravity (m/s²);
+/// `None` if it has no mass. Locked axes count as free, which makes contacts softer than necessary. An axis about which the body
 /// cannot turn gets the largest of its other moments, or that of a ring of a radius (m) if it has none.
 /// Moments that no body can have, as by rounding, are reduced to valid ones.
-pub fn dynamic_body(body: &RigidBody, radius: f64, period: f64) -> Option<DynamicBody> {
+pub fn dynamic_body(body: &RigidBody, radius: f64, (period, gravity): (f64, DVec3)) -> Option<DynamicBody> {
     let properties = &body.mass_properties().local_mprops;
     let &MassProperties { local_com, inv_mass, inv_principal_inertia, principal_inertia_local_frame } =
         properties;
@@ -27,7 +27,8 @@ pub fn dynamic_body(body: &RigidBody, radius: f64, period: f64) -> Option<Dynami
     // No principal moment is larger than the sum of the others.
     let principal = principal.min(DVec3::splat(principal.element_sum()) - principal);
     let inertia = turned(principal, rotation(principal_inertia_local_frame));
-    Some(DynamicBody { mass, inertia, center_of_mass: vector(local_com), period })
+    let gravity = gravity * f64::from(body.gravity_scale());
+    Some(DynamicBody { mass, inertia, center_of_mass: vector(local_com), gravity, period })
 }
 
 /// Returns a tensor with given principal moments and axes; exactly symmetric.
@@ -60,7 +61,7 @@ mod tests {
         let center = DVec3::new(0.01, -0.02, 0.03);
         let properties =
             MassProperties::with_inertia_matrix(to_vector(center), 0.5, Matrix::from_cols_array(&columns));
-        let found = dynamic_body(&body(properties), 0.1, 1e-3).expect("a mass");
+        let found = dynamic_body(&body(properties), 0.1, (1e-3, DVec3::ZERO)).expect("a mass");
         assert!((found.mass - 0.5).abs() < 1e-7);
         assert!((found.center_of_mass - center).length() < 1e-8);
         let off =
@@ -73,15 +74,15 @@ mod tests {
     #[test]
     fn a_body_that_cannot_turn_has_moments() {
         let point = MassProperties::new(Vector::ZERO, 2.0, Vector::ZERO);
-        let found = dynamic_body(&body(point), 0.1, 1e-3).expect("a mass");
+        let found = dynamic_body(&body(point), 0.1, (1e-3, DVec3::ZERO)).expect("a mass");
         assert_eq!(found.inertia, DMat3::from_diagonal(DVec3::splat(2.0 * 0.1 * 0.1)));
         let hinge = MassProperties::new(Vector::ZERO, 2.0, Vector::new(0.5, 0.0, 0.0));
-        let found = dynamic_body(&body(hinge), 0.1, 1e-3).expect("a mass");
+        let found = dynamic_body(&body(hinge), 0.1, (1e-3, DVec3::ZERO)).expect("a mass");
         assert_eq!(found.inertia, DMat3::from_diagonal(DVec3::splat(0.5)));
         let none_has = MassProperties::new(Vector::ZERO, 2.0, Vector::new(0.5, 0.25, 2.0));
-        let found = dynamic_body(&body(none_has), 0.1, 1e-3).expect("a mass");
+        let found = dynamic_body(&body(none_has), 0.1, (1e-3, DVec3::ZERO)).expect("a mass");
         assert_eq!(found.inertia, DMat3::from_diagonal(DVec3::new(0.5, 0.25, 0.75)));
         let nothing = MassProperties::new(Vector::ZERO, 0.0, Vector::ZERO);
-        assert_eq!(dynamic_body(&body(nothing), 0.1, 1e-3), None);
+        assert_eq!(dynamic_body(&body(nothing), 0.1, (1e-3, DVec3::ZERO)), None);
     }
 }

@@ -20,15 +20,21 @@
 //!
 //! # Contact stiffness
 //!
-//! Contacts are as stiff as is stable with a body of that mass in a world that answers a step late
-//! ([`DynamicBody`](palpate::DynamicBody)): a world that is stepped at 500 Hz to 1 kHz makes light bodies
-//! feel crisp, one at 60 Hz makes them feel soft. Under its own weight, a body on a held object sinks in by g
-//! (T / 0.25)² to three times as much, whatever its mass, with T two steps of the world and one interval
-//! between contact steps: 2.5 mm to 7.4 mm at 1 kHz and 500 Hz. It may sink in deeper than a tool is thick:
-//! the tool's proxy keeps it on its side.
+//! The haptic loop moves a body itself until the world answers, so that contacts are hard even where the
+//! world is stepped at the rate of a display. What a body leans on is felt as rapier has it: its contacts are
+//! soft, the softer the lighter the bodies are, and at 60 Hz bodies of less than 100 g are restless there.
+//!
+//! Contacts with bodies lighter than half the object in the hand, and penalty contacts
+//! ([`Response`](palpate::settings::Response)), are as stiff as is stable with a body of that mass in a world
+//! that answers a step late ([`DynamicBody`](palpate::DynamicBody)): a world that is stepped at 500 Hz to
+//! 1 kHz makes them feel crisp, one at 60 Hz soft. Under its own weight, such a body on a held object sinks
+//! in by g (T / 0.25)² to three times as much, whatever its mass, with T two steps of the world and one
+//! interval between contact steps: 2.5 mm to 7.4 mm at 1 kHz and 500 Hz. It may sink in deeper than a tool is
+//! thick: the tool's proxy keeps it on its side.
 //!
 //! Set rapier's `IntegrationParameters::length_unit` to about the size of the bodies: by default rapier lets
 //! bodies overlap by 5 mm, and puts those to sleep that move slower than 5 cm/s.
+//!
 //! # Example
 //!
 //! ```
@@ -54,7 +60,7 @@
 //! let probe = Object::model("ellipsoid@500")?;
 //! let specification = palpate::device::Emulation::default().specification;
 //! let mut session = HostedSession::new(probe, Scene::new(), specification, device, Settings::default())?;
-//! let mut touched = TouchedBodies::new(STEP);
+//! let mut touched = TouchedBodies::new(STEP, world.gravity);
 //! touched.add(&mut session.scene, &world.bodies, body, &ball)?;
 //!
 //! for _ in 0..10 {

@@ -23,6 +23,12 @@
 //! A step finds the impulses of at most [`MAX_UNILATERAL`] contacts: a working set. Contacts beside it that
 //! the step would pass are exchanged for some that do not push.
 //!
+//! # Bodies that are pushed
+//!
+//! A surface may belong to a body that contacts push and whose motion a host computes ([`PushedBody`]). Its
+//! velocity v_s at the end of the step then depends on the impulses too, by its own mobility: the step finds
+//! the motion of both.
+//!
 //! # Bound on motion
 //!
 //! Surfaces that are in no contact are known to be at least [`MotionBound::room`] away from where the body
@@ -31,6 +37,8 @@
 //! contacts.
 
 mod normals;
+mod pushed;
+mod response;
 mod solver;
 mod step;
 #[cfg(test)]
@@ -41,6 +49,7 @@ mod working_set;
 use glam::DVec3;
 use palpate_core::{Pose, Twist};
 
+pub use pushed::{HostState, MAX_PUSHED, PushedBody};
 pub use step::{ConstrainedStep, constrained_step};
 
 /// Largest number of contacts whose impulses a step finds.
@@ -66,6 +75,9 @@ pub struct UnilateralContact {
     /// Impulse of the body on the surface in the last step, N·s, world axes: the start of the iteration, and
     /// its result.
     pub impulse: DVec3,
+    /// Index of the body behind the surface among those that the step pushes; `None` for one that does not
+    /// give way.
+    pub pushed: Option<u8>,
     /// What the caller tells contacts apart by, since a step may change their order.
     pub key: u16,
 }

@@ -5,7 +5,7 @@
 //!
 //! φ(y) = ½ ‖y‖² + Σ max(0, q − j y)² / 2 c
 //!
-//! is least: six unknowns, however many contacts there are, and a matrix 1 + Σ jᵀ j / c over those that push.
+//! is least: as many unknowns as velocities, however many contacts there are, and a matrix 1 + Σ jᵀ j / c over those that push.
 //! φ is convex and quadratic between changes of that set. Newton's method takes whole steps, which mostly
 //! reach the least value in a few; should it not, it goes on to the least value along each step, which ends
 //! after finitely many.
@@ -13,7 +13,7 @@
 use arrayvec::ArrayVec;
 
 use super::MAX_UNILATERAL;
-use super::vector::{Six, add, dot, sum};
+use super::vector::{Vector, add, dot, identity, sum};
 
 /// Number of whole steps. With fewer, many contacts that change at once take longer.
 const WHOLE_STEPS: u32 = 10;
@@ -29,9 +29,9 @@ const ROUNDING: f64 = 1e-13;
 
 /// The normal of one contact.
 #[derive(Clone, Copy)]
-pub(super) struct Side {
+pub(super) struct Side<const N: usize> {
     /// j: the scaled row.
-    pub row: Six,
+    pub row: Vector<N>,
     /// Approach beyond its limit without any impulse, m/s.
     pub excess: f64,
     /// 1 / c.
@@ -40,58 +40,48 @@ pub(super) struct Side {
 
 /// The normals of a step's contacts.
 #[derive(Default)]
-pub(super) struct Normals {
-    sides: ArrayVec<Side, MAX_UNILATERAL>,
+pub(super) struct Normals<const N: usize> {
+    sides: ArrayVec<Side<N>, MAX_UNILATERAL>,
     /// Approaches beyond their limits with the impulses of the last solution, m/s.
     over: ArrayVec<f64, MAX_UNILATERAL>,
     /// Set of those that push.
     active: u64,
-    system: System,
+    system: System<N>,
 }
 
 /// The linear system of a set: friction changes only its right-hand side.
-struct System {
+struct System<const N: usize> {
     set: u64,
     /// 1 + Σ jᵀ j / c, only on and right of the diagonal, and its factors.
-    matrix: [Six; 6],
-    factors: Factors,
+    matrix: [Vector<N>; N],
+    factors: Factors<N>,
     /// Σ jᵀ q / c for the approaches q without any impulse.
-    right: Six,
+    right: Vector<N>,
 }
 
-impl Default for System {
+impl<const N: usize> Default for System<N> {
     /// The system of the empty set.
     fn default() -> Self {
-        let factors = Factors { upper: IDENTITY, inverse: [1.0; 6] };
-        Self { set: 0, matrix: IDENTITY, factors, right: [0.0; 6] }
+        let factors = Factors { upper: identity(), inverse: [1.0; N] };
+        Self { set: 0, matrix: identity(), factors, right: [0.0; N] }
     }
 }
 
 /// Factors of 1 + Σ jᵀ j / c: U of its LDLᵀ decomposition with U = D Lᵀ, and one over the pivots.
-struct Factors {
-    upper: [Six; 6],
-    inverse: Six,
+struct Factors<const N: usize> {
+    upper: [Vector<N>; N],
+    inverse: Vector<N>,
 }
 
-const IDENTITY: [Six; 6] = {
-    let mut identity = [[0.0; 6]; 6];
-    let mut i = 0;
-    while i < 6 {
-        identity[i][i] = 1.0;
-        i += 1;
-    }
-    identity
-};
-
-impl Factors {
+impl<const N: usize> Factors<N> {
     /// Factorises a matrix of which only entries on and right of the diagonal are read.
     #[inline]
-    fn new(mut upper: [Six; 6]) -> Self {
-        let mut inverse = [0.0; 6];
-        for column in 0..6 {
+    fn new(mut upper: [Vector<N>; N]) -> Self {
+        let mut inverse = [0.0; N];
+        for column in 0..N {
             let pivot_row = upper[column];
             inverse[column] = 1.0 / pivot_row[column];
-            for row in column + 1..6 {
+            for row in column + 1..N {
                 let factor = pivot_row[row] * inverse[column];
                 add(&mut upper[row], -factor, &pivot_row);
             }
@@ -100,16 +90,16 @@ impl Factors {
     }
 
     #[inline]
-    fn solve(&self, mut right: Six) -> Six {
-        for column in 0..6 {
+    fn solve(&self, mut right: Vector<N>) -> Vector<N> {
+        for column in 0..N {
             right[column] *= self.inverse[column];
             let value = right[column];
             for (row, entry) in self.upper[column].iter().enumerate().skip(column + 1) {
                 right[row] -= entry * value;
             }
         }
-        for row in (0..6).rev() {
-            for column in row + 1..6 {
+        for row in (0..N).rev() {
+            for column in row + 1..N {
                 right[row] -= self.upper[row][column] * self.inverse[row] * right[column];
             }
         }
@@ -127,9 +117,9 @@ fn members(mut set: u64) -> impl Iterator<Item = usize> {
     })
 }
 
-impl System {
+impl<const N: usize> System<N> {
     /// Changes the set.
-    fn change(&mut self, set: u64, sides: &[Side]) {
+    fn change(&mut self, set: u64, sides: &[Side<N>]) {
         if set == self.set {
             return;
         }
@@ -154,9 +144,9 @@ impl System {
     /// Where φ would be least, given y of all others, if just the contacts of the set pushed: with q − j
     /// y_others in place of q, the right-hand side is Σ jᵀ q / c less the matrix without its 1 times
     /// y_others.
-    fn least(&self, others: &Six) -> Six {
+    fn least(&self, others: &Vector<N>) -> Vector<N> {
         let mut right = self.right;
-        for row in 0..6 {
+        for row in 0..N {
             right[row] += others[row];
             for (column, other) in others.iter().enumerate() {
                 right[row] -= self.matrix[row.min(column)][row.max(column)] * other;
@@ -166,10 +156,10 @@ impl System {
     }
 }
 
-impl Normals {
+impl<const N: usize> Normals<N> {
     /// Adds a contact, and whether it pushed in the last step.
     #[inline(always)]
-    pub fn push(&mut self, side: Side, pushed: bool) {
+    pub fn push(&mut self, side: Side<N>, pushed: bool) {
         self.active |= u64::from(pushed) << self.sides.len();
         self.over.push(0.0);
         self.sides.push(side);
@@ -193,7 +183,7 @@ impl Normals {
 
     /// Finds the impulses, given y of all others, where the largest approach is about `size` (m/s). Returns y
     /// of the normals, and whether the search ended.
-    pub fn solve(&mut self, others: &Six, size: f64) -> (Six, bool) {
+    pub fn solve(&mut self, others: &Vector<N>, size: f64) -> (Vector<N>, bool) {
         for _ in 0..WHOLE_STEPS {
             self.system.change(self.active, &self.sides);
             let y = self.system.least(others);
@@ -208,7 +198,7 @@ impl Normals {
 
     /// Finds the impulses by steps along which φ falls.
     #[cold]
-    fn search(&mut self, others: &Six, size: f64) -> (Six, bool) {
+    fn search(&mut self, others: &Vector<N>, size: f64) -> (Vector<N>, bool) {
         let mut y = self.system.least(others);
         for _ in 0..MAX_STEPS {
             let before = self.over.clone();
@@ -235,7 +225,7 @@ impl Normals {
     /// Finds the approaches with y of all impulses. Returns the set of those beyond their limits, and whether
     /// it differs from the active set by more than rounding.
     #[inline(always)]
-    fn approach(&mut self, y: &Six, size: f64) -> (u64, bool) {
+    fn approach(&mut self, y: &Vector<N>, size: f64) -> (u64, bool) {
         let (mut set, mut differs) = (0, false);
         for (index, (side, over)) in self.sides.iter().zip(&mut self.over).enumerate() {
             *over = side.excess - dot(&side.row, y);
@@ -248,7 +238,7 @@ impl Normals {
 
     /// The share of a step from y to where the quadratic is least at which φ is least, by the slope of φ;
     /// `before` are the approaches at its start.
-    fn share(&self, y: &Six, wanted: &Six, before: &[f64]) -> f64 {
+    fn share(&self, y: &Vector<N>, wanted: &Vector<N>, before: &[f64]) -> f64 {
         let mut step = *wanted;
         add(&mut step, -1.0, y);
         let slope = |share: f64| {
@@ -271,8 +261,8 @@ impl Normals {
     }
 
     /// y of the impulses.
-    fn pressed(&self) -> Six {
-        let mut pressed = [0.0; 6];
+    fn pressed(&self) -> Vector<N> {
+        let mut pressed = [0.0; N];
         for index in members(self.active) {
             add(&mut pressed, self.impulse(index), &self.sides[index].row);
         }

@@ -6,13 +6,17 @@
 //! The mobility A⁻¹ = K Kᵀ takes impulses Σ Jᵀ p to changes of the velocity. With scaled rows j = J K and y =
 //! Σ jᵀ p, a row's velocity is J v − j y, for the free velocity v: both what an impulse does and what a row
 //! feels are one product with j, and all impulses together act as the six numbers y.
+//!
+//! Bodies that contacts push have mobilities of their own, and add six numbers each: a row then has a part for
+//! the body in the hand and one, of opposite sign, for the body that the contact pushes.
 
 use arrayvec::ArrayVec;
 use glam::DVec3;
 use palpate_core::Twist;
 
 use super::normals::{Normals, Side};
-use super::vector::{Six, add, dot, sum};
+use super::pushed::PushedBody;
+use super::vector::{Six, Vector, add, dot, sum};
 use super::{MAX_UNILATERAL, UnilateralContact};
 use crate::system::six;
 
@@ -32,13 +36,13 @@ pub(super) const COMPLIANCE: f64 = 1e-3;
 
 /// Friction of one contact that has pushed.
 #[derive(Clone, Copy)]
-struct Friction {
+struct Friction<const N: usize> {
     /// Index of the contact.
     contact: u8,
     /// Orthonormal tangents.
     axes: [DVec3; 2],
     /// Scaled rows along them.
-    rows: [Six; 2],
+    rows: [Vector<N>; 2],
     /// Velocity over the surface without impulses, m/s.
     slip: [f64; 2],
     /// One over the larger of the two mobilities along the surface.
@@ -50,21 +54,55 @@ struct Friction {
 
 /// Rows of the contacts of a step, stored by the caller since they are large.
 #[derive(Default)]
-pub(super) struct Rows {
-    normals: Normals,
-    rubbing: ArrayVec<Friction, MAX_UNILATERAL>,
+pub(super) struct Rows<const N: usize> {
+    normals: Normals<N>,
+    rubbing: ArrayVec<Friction<N>, MAX_UNILATERAL>,
+}
+
+/// The bodies that contacts act on, with N velocities in all.
+pub(super) struct Bodies<'a> {
+    /// K of the body in the hand.
+    factor: &'a [Six; 6],
+    /// Those that contacts push.
+    pushed: &'a [PushedBody],
+    /// Centre of mass of the body in the hand, m.
+    center: DVec3,
+}
+
+impl<'a> Bodies<'a> {
+    pub fn new(factor: &'a [Six; 6], center: DVec3, pushed: &'a [PushedBody]) -> Self {
+        Self { factor, pushed, center }
+    }
+
+    /// The scaled row of a unit velocity along an axis at a contact.
+    #[inline(always)]
+    fn row<const N: usize>(&self, contact: &UnilateralContact, axis: DVec3) -> Vector<N> {
+        let mut row = [0.0; N];
+        let (held, others) = row.split_at_mut(6);
+        held.copy_from_slice(&scaled(self.factor, contact.arm, axis));
+        if N > 6
+            && let Some(index) = contact.pushed
+            && let Some(body) = self.pushed.get(usize::from(index))
+            && let Some(part) = others.chunks_exact_mut(6).nth(usize::from(index))
+        {
+            let felt = body.row(self.center + contact.arm, axis);
+            for (entry, felt) in part.iter_mut().zip(felt) {
+                *entry = -felt;
+            }
+        }
+        row
+    }
 }
 
 /// Contacts of one step, with the velocity of the body.
-pub(super) struct Solver<'a> {
+pub(super) struct Solver<'a, const N: usize> {
     contacts: &'a [UnilateralContact],
     free: &'a Twist,
-    /// K.
-    factor: &'a [Six; 6],
-    rows: &'a mut Rows,
+    bodies: &'a Bodies<'a>,
+    rows: &'a mut Rows<N>,
     /// y of the normals, and of friction.
-    pressed: Six,
-    rubbed: Six,
+    pressed: Vector<N>,
+    rubbed: Vector<N>,
     /// Set of the contacts that have friction rows.
     ready: u64,
 }
@@ -83,22 +121,21 @@ fn scaled(factor: &[Six; 6], arm: DVec3, axis: DVec3) -> Six {
     scaled
 }
 
-impl<'a> Solver<'a> {
-    /// Prepares contacts, given the body's free velocity and the lower factor K of its mobility, for a step
-    /// of `dt` (s) with a largest recovery velocity (m/s).
+impl<'a, const N: usize> Solver<'a, N> {
+    /// Prepares contacts, given the free velocity of the body in the hand, for a step of `dt` (s) with a
+    /// largest recovery velocity (m/s).
     pub fn new(
         contacts: &'a [UnilateralContact],
         free: &'a Twist,
-        factor: &'a [Six; 6],
-        dt: f64,
-        recovery: f64,
-        rows: &'a mut Rows,
+        bodies: &'a Bodies<'a>,
+        (dt, recovery): (f64, f64),
+        rows: &'a mut Rows<N>,
     ) -> Self {
         let contacts = &contacts[..contacts.len().min(MAX_UNILATERAL)];
-        let mut solver = Self { contacts, free, factor, rows, pressed: [0.0; 6], rubbed: [0.0; 6], ready: 0 };
+        let mut solver = Self { contacts, free, bodies, rows, pressed: [0.0; N], rubbed: [0.0; N], ready: 0 };
         for (index, contact) in contacts.iter().enumerate() {
-            let UnilateralContact { arm, normal, impulse, .. } = *contact;
-            let row = scaled(factor, arm, normal);
+            let UnilateralContact { normal, impulse, .. } = *contact;
+            let row = bodies.row(contact, normal);
             let excess = contact.excess(free, dt, recovery);
             let stiffness = 1.0 / (COMPLIANCE * dot(&row, &row));
             let impulse_before = normal.dot(impulse);
@@ -119,7 +156,7 @@ impl<'a> Solver<'a> {
         self.ready |= 1 << index;
         let (first, second) = normal.any_orthonormal_pair();
         let axes = [first, second];
-        let rows = [scaled(self.factor, arm, first), scaled(self.factor, arm, second)];
+        let rows = axes.map(|axis| self.bodies.row(&self.contacts[index], axis));
         let over = self.free.velocity_at(arm) - velocity;
         let mobility = dot(&rows[0], &rows[0]).max(dot(&rows[1], &rows[1]));
         let impulse = [first.dot(impulse), second.dot(impulse)];
@@ -153,9 +190,10 @@ impl<'a> Solver<'a> {
             }
         }
         let felt = sum(&self.pressed, &self.rubbed);
+        let held: Six = std::array::from_fn(|index| felt[index]);
         let mut moved = [0.0; 6];
-        for (moved, entries) in moved.iter_mut().zip(self.factor) {
-            *moved = dot(entries, &felt);
+        for (moved, entries) in moved.iter_mut().zip(self.bodies.factor) {
+            *moved = dot(entries, &held);
         }
         let [vx, vy, vz, wx, wy, wz] = moved;
         let twist = Twist {
@@ -194,7 +232,7 @@ impl<'a> Solver<'a> {
     }
 
     /// Writes the impulses back into the contacts.
-    pub fn store(rows: &Rows, contacts: &mut [UnilateralContact]) {
+    pub fn store(rows: &Rows<N>, contacts: &mut [UnilateralContact]) {
         for (index, contact) in contacts.iter_mut().take(MAX_UNILATERAL).enumerate() {
             contact.impulse = contact.normal * rows.normals.impulse(index);
         }
@@ -205,11 +243,11 @@ impl<'a> Solver<'a> {
     }
 }
 
-impl Friction {
+impl<const N: usize> Friction<N> {
     /// Updates friction: the impulse that stops the sliding, within the cone of the normal impulse. `most` is
     /// its radius.
     #[inline(always)]
-    fn rub(&mut self, most: f64, felt: &mut Six) -> f64 {
+    fn rub(&mut self, most: f64, felt: &mut Vector<N>) -> f64 {
         let Self { rows, slip, mass, impulse, .. } = self;
         if most == 0.0 && *impulse == [0.0; 2] {
             return 0.0;

@@ -4,7 +4,8 @@ use arrayvec::ArrayVec;
 use glam::DVec3;
 use palpate_core::{Twist, Wrench};
 
-use super::solver::{Rows, Solver};
+use super::pushed::{MAX_PUSHED, PushedBody};
+use super::solver::{Bodies, Rows, Solver};
 use super::working_set::{MAX_EXCHANGES, choose, exchange, share};
 use super::{MotionBound, UnilateralContact};
 use crate::body::BodyState;
@@ -34,7 +35,8 @@ impl From<Step> for ConstrainedStep {
 }
 
 /// Advances the body by `dt` (s) as [`semi_implicit_step`](crate::semi_implicit_step) does, without passing
-/// the surfaces of unilateral `contacts`, and no further than a `bound`. Updates the contacts' impulses.
+/// the surfaces of unilateral `contacts`, and no further than a `bound`. Updates the contacts' impulses. Of
+/// the bodies that contacts push, those from the fourth on do not give way in this step.
 ///
 /// Where there are more than [`MAX_UNILATERAL`](super::MAX_UNILATERAL) contacts, their order changes.
 ///
@@ -43,6 +45,7 @@ pub fn constrained_step(
     frame: &Frame<'_>,
     state: &BodyState,
     contacts: &mut [UnilateralContact],
+    pushed: &[PushedBody],
     bound: &MotionBound,
     dt: f64,
 ) -> ConstrainedStep {
@@ -63,19 +66,15 @@ pub fn constrained_step(
         };
         let factor = cholesky(&symmetric(&mobility));
         let recovery = (RECOVERY_FORCE / frame.coupling.linear_damping).min(MAX_RECOVERY);
-        let passed = choose(contacts, &twist, (dt, recovery));
-        let mut exchanges = 0;
-        let held = loop {
-            let mut rows = Rows::default();
-            let (held, converged) = Solver::new(contacts, &twist, &factor, dt, recovery, &mut rows).solve();
-            Solver::store(&rows, contacts);
-            status.unconverged = !converged;
-            if exchanges == MAX_EXCHANGES || !exchange(contacts, &held, passed, (dt, recovery)) {
-                break held;
-            }
-            exchanges += 1;
+        let pushed = &pushed[..pushed.len().min(MAX_PUSHED)];
+        let bodies = Bodies::new(&factor, state.pose.translation, pushed);
+        let solve = match pushed.len() {
+            0 => solved::<6>,
+            1 => solved::<12>,
+            _ => solved::<{ 6 + 6 * MAX_PUSHED }>,
         };
-        let share = share(contacts, &held, passed, dt);
+        let (held, share, converged) = solve(contacts, &twist, &bodies, (dt, recovery));
+        status.unconverged = !converged;
         shortened = share < 1.0;
         twist = Twist::new(held.linear * share, held.angular * share);
     }
@@ -89,6 +88,28 @@ pub fn constrained_step(
         return Step::failed(state, StepFailure::Overflow).into();
     }
     ConstrainedStep { step, held_back: held_back || shortened }
+}
+
+/// Finds the impulses of contacts in a step of `dt` (s) with a largest recovery velocity (m/s), by the body's
+/// free velocity. Returns its velocity with them, the share of the step that passes no surface, and whether
+/// the impulses converged.
+fn solved<const N: usize>(
+    contacts: &mut [UnilateralContact],
+    free: &Twist,
+    bodies: &Bodies<'_>,
+    (dt, recovery): (f64, f64),
+) -> (Twist, f64, bool) {
+    let passed = choose(contacts, free, (dt, recovery));
+    let mut exchanges = 0;
+    loop {
+        let mut rows = Rows::<N>::default();
+        let (held, converged) = Solver::new(contacts, free, bodies, (dt, recovery), &mut rows).solve();
+        Solver::store(&rows, contacts);
+        if exchanges == MAX_EXCHANGES || !exchange(contacts, &held, passed, (dt, recovery)) {
+            return (held, share(contacts, &held, passed, dt), converged);
+        }
+        exchanges += 1;
+    }
 }
 
 /// The symmetric part of a matrix. The inverse of a step's matrix is symmetric but for geometric stiffness;

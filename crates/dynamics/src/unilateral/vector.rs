@@ -1,23 +1,33 @@
-//! Vectors of six numbers: of a twist or a momentum.
+//! Vectors of N numbers: of twists or momenta of one or several bodies.
 
-pub(super) type Six = [f64; 6];
+pub(super) type Vector<const N: usize> = [f64; N];
+pub(super) type Six = Vector<6>;
 
 #[inline(always)]
-pub(super) fn dot(a: &Six, b: &Six) -> f64 {
+pub(super) fn dot<const N: usize>(a: &Vector<N>, b: &Vector<N>) -> f64 {
     // Two lanes.
-    (a[0] * b[0] + a[2] * b[2] + a[4] * b[4]) + (a[1] * b[1] + a[3] * b[3] + a[5] * b[5])
+    let mut lanes = [0.0; 2];
+    for (index, (a, b)) in a.iter().zip(b).enumerate() {
+        lanes[index & 1] += a * b;
+    }
+    lanes[0] + lanes[1]
 }
 
 #[inline(always)]
-pub(super) fn add(to: &mut Six, gain: f64, from: &Six) {
+pub(super) fn add<const N: usize>(to: &mut Vector<N>, gain: f64, from: &Vector<N>) {
     for (to, from) in to.iter_mut().zip(from) {
         *to += gain * from;
     }
 }
 
 #[inline(always)]
-pub(super) fn sum(a: &Six, b: &Six) -> Six {
+pub(super) fn sum<const N: usize>(a: &Vector<N>, b: &Vector<N>) -> Vector<N> {
     let mut sum = *a;
     add(&mut sum, 1.0, b);
     sum
+}
+
+/// The identity matrix.
+pub(super) fn identity<const N: usize>() -> [Vector<N>; N] {
+    std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))))
 }

@@ -84,6 +84,7 @@ fn steps_with_unilateral_contacts_allocate_nothing() {
         velocity: DVec3::ZERO,
         friction: 0.3,
         impulse: DVec3::ZERO,
+        pushed: None,
         key: i as u16,
     };
     let mut contacts: [UnilateralContact; 3 * MAX_UNILATERAL] = std::array::from_fn(contact);
@@ -108,7 +109,7 @@ fn steps_with_unilateral_contacts_allocate_nothing() {
                 gravity: DVec3::ZERO,
             };
             let bound = MotionBound { from: state.pose, room: 1e-3, step: 3e-5, radius: 0.03 };
-            let found = constrained_step(&frame, &state, &mut contacts, &bound, 1e-3);
+            let found = constrained_step(&frame, &state, &mut contacts, &[], &bound, 1e-3);
             state = found.step.state;
             pushes += u32::from(contacts.iter().any(|contact| contact.impulse.z < 0.0));
             held_back += u32::from(found.held_back);

@@ -29,7 +29,7 @@ impl ContactLoop {
             }
         }
         let textured = |object| self.textures.as_ref().is_some_and(|textures| textures.has(object));
-        let response = self.response;
+        let (response, mass) = (self.response, self.mass);
         for found in self.proxy.contacts().filter(|found| !textured(found.object)) {
             let contact = carried(&found.contact.contact, self.proxy.pose(), &body.pose);
             let patch = PatchContact { contact, ..found.contact };
@@ -37,7 +37,7 @@ impl ContactLoop {
                 Some(moving) => moving,
                 None => (Counterpart::Still, &mut self.still),
             };
-            if with.is_constraint(response) {
+            if with.is_constraint(response, mass) {
                 continue;
             }
             if contact.depth > -tolerance {
@@ -66,7 +66,7 @@ impl ContactLoop {
             let gains = shared(&self.parameters, weight);
             let patch = ContactPatch { contact, radius };
             let with = counterpart(&self.objects, &self.scene, place);
-            if with.is_constraint(self.response) {
+            if with.is_constraint(self.response, self.mass) {
                 continue;
             }
             let count = place.map_or(1, |_| count_of(place));

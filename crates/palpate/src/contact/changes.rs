@@ -4,6 +4,7 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::BodyState;
 
+use super::geometry::PredictedMotion;
 use super::group::ContactGroup;
 use super::in_scene::{InScene, objects_of};
 use super::search::unfit;
@@ -41,7 +42,18 @@ impl ContactLoop {
     /// Sets the pose and the velocity of a moving scene object at the time of the next step; `false` if it
     /// does not exist ([`SceneEditor::set_motion`]).
     pub fn set_motion(&mut self, object: SceneId, pose: &Pose, twist: &Twist) -> bool {
-        self.moving(object).map(|moving| moving.set_motion(pose, twist)).is_some()
+        self.set_motion_at(object, (pose, twist), self.time)
+    }
+
+    /// Sets the pose and the velocity that a moving scene object had at a time (s); `false` if it does not
+    /// exist.
+    fn set_motion_at(&mut self, object: SceneId, (pose, twist): (&Pose, &Twist), time: f64) -> bool {
+        self.moving(object).map(|moving| moving.set_motion(pose, twist, time)).is_some()
+    }
+
+    /// Follows the objects that contacts push, as the haptic loop moves them.
+    pub(crate) fn follow_predicted(&mut self, predicted: triple_buffer::Output<PredictedMotion>) {
+        self.predicted = Some(predicted);
     }
 
     /// Sets how contacts move a scene object, from the next step on; `false` if it does not exist
@@ -221,7 +233,10 @@ impl ContactLoop {
                 Edit::Add(id, object, pose) => self.insert(id, &object, &pose),
                 Edit::Replace(id, object, pose) => self.replace(id, &object, &pose),
                 Edit::Move(id, pose) => self.set_pose(id, &pose),
-                Edit::Motion(id, pose, twist) => self.set_motion(id, &pose, &twist),
+                Edit::Motion(id, pose, twist, time) => {
+                    let time = if time.is_nan() { self.time } else { time };
+                    self.set_motion_at(id, (&pose, &twist), time)
+                }
                 Edit::DynamicBody(id, body) => self.set_dynamics(id, body),
                 Edit::Remove(id) => self.delete(id),
             };
@@ -260,8 +275,13 @@ impl ContactLoop {
     /// Advances the moving objects to a time (s). The proxy's contacts with those near the body move along.
     pub(super) fn move_objects(&mut self, body: &BodyState, time: f64) {
         self.fastest = 0.0;
+        let predicted = self.predicted.as_mut().map(triple_buffer::Output::read);
         for &place in &self.moving {
             let Some(moved) = &mut self.objects[place] else { continue };
+            if let Some(moving) = &mut moved.moving {
+                let own = predicted.and_then(|all| all.iter().find(|(id, _, _)| *id == moved.id));
+                moving.0.set_predicted(own.map(|(_, pose, twist)| (*pose, *twist)));
+            }
             let Some(pose) = moved.moving.as_mut().and_then(|moving| moving.0.advance(time)) else {
                 continue;
             };

@@ -7,12 +7,14 @@
 use std::sync::Arc;
 
 use arrayvec::ArrayVec;
-use palpate_core::Pose;
 use palpate_core::glam::{DQuat, DVec3};
+use palpate_core::{Pose, Twist};
 use palpate_dynamics::{BodyState, Friction, MAX_UNILATERAL, MotionBound, MovingBody, UnilateralContact};
 use palpate_field::FeatureMesh;
 
 use super::guarded_point::{Frames, GuardedPoint};
+use crate::scene::SceneId;
+use crate::scene::moving::Pushable;
 
 /// Largest number of guarded points. With more, it takes longer to copy them; with fewer, minima of the
 /// distance between detailed surfaces are missed.
@@ -20,6 +22,10 @@ pub(crate) const MAX_POINTS: usize = 768;
 
 /// Largest number of scene objects near the body.
 pub(crate) const MAX_OBJECTS: usize = 8;
+
+/// Distance within which contacts with a scene object are wanted beyond that of the body's own motion, in
+/// lengths of the object's last step.
+const OBJECT_REACH: f64 = 2.0;
 
 /// Longest time that scene objects move on from where a query found them, s.
 const MAX_OBJECT_MOTION: f64 = 0.05;
@@ -47,7 +53,16 @@ pub(crate) struct NearObject {
     pub motion: MovingBody,
     /// Bound on the speed of any of its points, m/s.
     pub speed: f64,
+    /// Bound on the motion of any of its points since the last step, m.
+    pub moved: f64,
+    /// What the haptic loop needs to move it, if contacts push it.
+    pub pushable: Option<Pushable>,
+    /// Index among the bodies that the haptic loop moves.
+    pub pushed: Option<u8>,
 }
+
+/// Motion of scene objects by the haptic loop: pose of the mesh's frame, and velocity of its origin.
+pub(crate) type PredictedMotion = ArrayVec<(SceneId, Pose, Twist), MAX_OBJECTS>;
 
 /// What the haptic loop needs to hold the body out of surfaces until the next query.
 #[derive(Clone, Debug)]
@@ -96,8 +111,6 @@ pub(crate) struct StepContacts {
 /// Motion of the body from one step to the next.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct StepMotion {
-    /// Length of the step, s.
-    pub dt: f64,
     /// Bound on the motion of any point of the body in the last step, m.
     pub moved: f64,
     /// Distance within which contacts are wanted, m.
@@ -116,7 +129,7 @@ impl ContactGeometry {
         found: &mut StepContacts,
     ) {
         found.clear();
-        let StepMotion { dt, moved, reach } = *motion;
+        let StepMotion { moved, reach } = *motion;
         let mesh = state.pose * Pose::from_translation(-self.center_of_mass);
         let Self { probe, objects, points, margin, friction, .. } = self;
         let mut first = 0;
@@ -125,7 +138,8 @@ impl ContactGeometry {
             first = usize::from(*end);
             let Some(values) = slacks.values.get_mut(range.clone()) else { continue };
             let mut near = ArrayVec::<u16, MAX_POINTS>::new();
-            let room = pass((moved + object.speed * dt) as f32, reach as f32, values, &mut near);
+            let reach = reach + OBJECT_REACH * object.moved;
+            let room = pass((moved + object.moved) as f32, reach as f32, values, &mut near);
             found.room = found.room.min(f64::from(room));
             if near.is_empty() {
                 continue;
@@ -153,6 +167,7 @@ impl ContactGeometry {
                     velocity: object.motion.twist.velocity_at(measured.point),
                     friction: friction.static_coefficient,
                     impulse: DVec3::ZERO,
+                    pushed: object.pushed,
                     key: index as u16,
                 };
                 found.push(contact);
@@ -207,7 +222,8 @@ impl ContactGeometry {
     pub fn shift(&self, slacks: &mut Slacks, moved: f32, age: f64) {
         let mut first = 0;
         for (object, end) in self.objects.iter().zip(&slacks.ends) {
-            let gone = moved + (object.speed * age.max(0.0)) as f32;
+            let own = if object.pushed.is_some() { object.moved } else { object.speed * age.max(0.0) };
+            let gone = moved + own as f32;
             for slack in &mut slacks.values[first..usize::from(*end)] {
                 *slack -= gone;
             }
@@ -215,11 +231,16 @@ impl ContactGeometry {
         }
     }
 
-    /// Moves the scene objects on by a time (s).
+    /// Moves the scene objects on by a time (s), but those that the haptic loop moves otherwise.
     pub fn advance(&mut self, dt: f64) {
         let dt = dt.min(MAX_OBJECT_MOTION - self.age).max(0.0);
         self.age += dt;
-        for object in self.objects.iter_mut().filter(|object| object.speed > 0.0) {
+        for object in &mut self.objects {
+            if object.pushed.is_some() || object.speed == 0.0 {
+                self.bound.room -= object.moved;
+                continue;
+            }
+            object.moved = object.speed * dt;
             let Pose { translation, rotation } = object.pose;
             let twist = object.motion.twist;
             let turn = DQuat::from_scaled_axis(twist.angular * dt);
@@ -227,18 +248,19 @@ impl ContactGeometry {
                 translation: turn * translation + twist.linear * dt,
                 rotation: (turn * rotation).normalize(),
             };
-            self.bound.room -= object.speed * dt;
+            self.bound.room -= object.moved;
         }
     }
 }
 
 impl NearObject {
     fn assign(&mut self, found: &Self) {
-        let Self { place, surface, pose, motion, speed } = self;
+        let Self { place, surface, pose, motion, speed, moved, pushable, pushed } = self;
         if !Arc::ptr_eq(surface, &found.surface) {
             surface.clone_from(&found.surface);
         }
         (*place, *pose, *motion, *speed) = (found.place, found.pose, found.motion, found.speed);
+        (*moved, *pushable, *pushed) = (found.moved, found.pushable, found.pushed);
     }
 }
 
@@ -385,6 +407,9 @@ mod tests {
             pose: Pose::from_translation(DVec3::Z * height),
             motion: MovingBody::STILL,
             speed: height,
+            moved: 0.0,
+            pushable: None,
+            pushed: None,
         };
         let mut made = ContactGeometry {
             probe: Arc::clone(&surface),
@@ -452,6 +477,7 @@ mod tests {
                     velocity: DVec3::ZERO,
                     friction: 0.0,
                     impulse: DVec3::NEG_Z * impulse,
+                    pushed: None,
                     key,
                 });
             }

@@ -22,6 +22,11 @@ const RESERVED: usize = 512;
 /// objects and the still ones would exceed the budget of a contact model.
 const MOVING_CLUSTERS: usize = 3;
 
+/// Smallest mass of an object that contacts push as constraints, in masses of the body in the hand. With
+/// less, lighter ones that lean on soft ones are restless where their host answers late; with more, contacts
+/// with heavier ones are as soft as penalties have to be.
+const MIN_MASS: f64 = 0.5;
+
 /// The scene's side of a group.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Counterpart<'a> {
@@ -40,11 +45,10 @@ impl Counterpart<'_> {
         }
     }
 
-    /// Whether contacts with the object are constraints: those with an object that they push are penalty
-    /// contacts.
-    pub fn is_constraint(&self, response: Response) -> bool {
-        let pushed = matches!(self, Self::Moving { object, .. } if object.is_pushed());
-        response == Response::Constraints && !pushed
+    /// Whether contacts with the object are constraints, for a body in the hand of a mass (kg).
+    pub fn is_constraint(&self, response: Response, held: f64) -> bool {
+        let light = matches!(self, Self::Moving { object, .. } if object.is_lighter(MIN_MASS * held));
+        response == Response::Constraints && !light
     }
 
     /// Gains of one of `count` contacts with the object, at a point (m) with a normal, limited to what is
@@ -239,6 +243,7 @@ mod tests {
             mass: 0.01,
             inertia: palpate_core::glam::DMat3::from_diagonal(DVec3::splat(1e-6)),
             center_of_mass: DVec3::ZERO,
+            gravity: DVec3::ZERO,
             period: 1e-3,
         };
         let mut object = MovingObject::new();

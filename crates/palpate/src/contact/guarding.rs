@@ -73,24 +73,22 @@ const MIN_NEAR: f64 = 0.1;
 const CROSSING_LEASH: f64 = 4.0;
 
 impl ContactLoop {
-    /// Whether contacts with the object at a place are constraints. Contacts with objects that they push, and
-    /// with textured ones, are penalty contacts.
+    /// Whether contacts with the object at a place are constraints. Contacts with light objects that they push,
+    /// and with textured ones, are penalty contacts.
     pub(super) fn is_guarded(&self, place: usize) -> bool {
-        counterpart(&self.objects, &self.scene, Some(place)).is_constraint(self.response)
+        counterpart(&self.objects, &self.scene, Some(place)).is_constraint(self.response, self.mass)
             && !self.textures.as_ref().is_some_and(|textures| textures.has(place))
     }
 
     /// How contacts act, in words.
     pub(crate) fn response_stage(&self) -> String {
-        let pushed = self.moving.iter().any(|&place| !self.is_guarded(place));
+        let light = self.moving.iter().any(|&place| !self.is_guarded(place));
         match self.response {
             Response::Penalty => "penalties".to_owned(),
             Response::Constraints if self.textures.is_some() => {
                 "constraints; penalties with textured objects".to_owned()
             }
-            Response::Constraints if pushed => {
-                "constraints; penalties with objects that contacts move".to_owned()
-            }
+            Response::Constraints if light => "constraints; penalties with light objects".to_owned(),
             Response::Constraints => "constraints".to_owned(),
         }
     }
@@ -137,18 +135,31 @@ impl ContactLoop {
             let enough = reach + (2.0 * motion).max(HAND_SPEED * ahead);
             let wanted = (tolerance + motion).min(FAR_REACH * tolerance).max(reach);
             let reaches = [reach, wanted, enough.min(self.probe.shape().max_tolerance()).max(wanted)];
-            let room = self.start_in_fields(&mut guard, &mut geometry, (&mesh, edge), reaches, &mut report);
+            let room = self.start_in_fields(
+                &mut guard,
+                &mut geometry,
+                (&mesh, edge),
+                reaches,
+                (interval, &mut report),
+            );
             reach = wanted;
             room
         } else {
             let at = (&mesh, edge);
-            let wide = self.start_at_patches(&mut guard, &mut geometry, at, (reach, MAX_STARTS), &mut report);
+            let wide = self.start_at_patches(
+                &mut guard,
+                &mut geometry,
+                at,
+                (reach, MAX_STARTS),
+                (interval, &mut report),
+            );
             wide.unwrap_or_else(|| {
                 reach = reach.min(NARROW_REACH * tolerance);
                 guard.starts.clear();
                 geometry.objects.clear();
                 let all = (reach, usize::MAX);
-                self.start_at_patches(&mut guard, &mut geometry, at, all, &mut report).unwrap_or(0.0)
+                self.start_at_patches(&mut guard, &mut geometry, at, all, (interval, &mut report))
+                    .unwrap_or(0.0)
             })
         };
         let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
@@ -162,8 +173,9 @@ impl ContactLoop {
         Some(geometry)
     }
 
-    /// A scene object near the body, by its place; `None` if it is not guarded.
-    fn near_object(&self, handle: ObjectHandle) -> Option<NearObject> {
+    /// A scene object near the body, by its place, with contacts found every `interval` (s); `None` if it is
+    /// not guarded.
+    fn near_object(&self, handle: ObjectHandle, interval: f64) -> Option<NearObject> {
         let place = handle.place();
         if !self.is_guarded(place) {
             return None;
@@ -172,7 +184,12 @@ impl ContactLoop {
         let surface: Arc<FeatureMesh> = near.object.features()?;
         let pose = *self.scene.pose(handle)?;
         let motion: MovingBody = counterpart(&self.objects, &self.scene, Some(place)).body();
-        Some(NearObject { place, surface, pose, motion, speed: near.speed() })
+        let pushable = near.moving.as_ref().and_then(|moving| {
+            let radius = near.object.radius_about(moving.0.center_of_mass()?);
+            moving.0.pushable(near.id, (&pose, radius), (interval, self.time))
+        });
+        let speed = near.speed();
+        Some(NearObject { place, surface, pose, motion, speed, moved: 0.0, pushable, pushed: None })
     }
 
     /// Starts points at the samples in fields within the first of three reaches (m), at long edges, and in
@@ -184,7 +201,7 @@ impl ContactLoop {
         geometry: &mut ContactGeometry,
         (mesh, edge): (&Pose, f64),
         [reach, wanted, enough]: [f64; 3],
-        report: &mut QueryReport,
+        (interval, report): (f64, &mut QueryReport),
     ) -> f64 {
         let Guard { starts, far, .. } = guard;
         let Ok(invalid) = self.scene.find_near(mesh, enough) else {
@@ -195,7 +212,7 @@ impl ContactLoop {
         let (mut room, long) = (enough, LONG * edge);
         let handles: ArrayVec<ObjectHandle, 64> = self.scene.near().take(64).collect();
         for handle in handles {
-            let Some(object) = self.near_object(handle) else { continue };
+            let Some(object) = self.near_object(handle, interval) else { continue };
             let Ok(fields) = &mut self.by_fields else { continue };
             let settings = fields.needs.settings(reach);
             let Some(NearFields { probe, scene, probe_places, samples }) = fields.near(handle.place()) else {
@@ -240,7 +257,7 @@ impl ContactLoop {
         geometry: &mut ContactGeometry,
         (mesh, edge): (&Pose, f64),
         (reach, most): (f64, usize),
-        report: &mut QueryReport,
+        (interval, report): (f64, &mut QueryReport),
     ) -> Option<f64> {
         let settings = QuerySettings::new(reach);
         let mut finder = LevelFinder { scene: &mut self.scene, settings };
@@ -248,7 +265,7 @@ impl ContactLoop {
         let to_probe = mesh.inverse();
         let mut room = if complete { reach } else { 0.0 };
         for found in self.scene.contacts() {
-            let Some(object) = self.near_object(found.object) else { continue };
+            let Some(object) = self.near_object(found.object, interval) else { continue };
             if geometry.objects.is_full() {
                 room = 0.0;
                 break;

@@ -33,7 +33,7 @@ use palpate_texture_pd::Backend;
 use rtrb::Consumer;
 
 use self::by_fields::{ByFields, FieldFinder, in_steps};
-use self::geometry::ContactGeometry;
+use self::geometry::{ContactGeometry, PredictedMotion};
 use self::group::ContactGroup;
 use self::guard::Guard;
 use self::in_scene::{InScene, objects_of};
@@ -114,6 +114,8 @@ pub struct ContactLoop {
     moving: Vec<usize>,
     /// Bound on the speed of any point of the moving objects near the body, m/s.
     fastest: f64,
+    /// Motion of the objects that contacts push, by the haptic loop.
+    predicted: Option<triple_buffer::Output<PredictedMotion>>,
     /// Pending changes of the scene, and the editor that sends them.
     edits: Option<Consumer<Edit>>,
     editor: Option<SceneEditor>,
@@ -183,6 +185,7 @@ impl ContactLoop {
             objects,
             moving: Vec::new(),
             fastest: 0.0,
+            predicted: None,
             edits: None,
             editor: None,
             tunings: None,

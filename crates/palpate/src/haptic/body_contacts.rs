@@ -2,9 +2,14 @@
 //! found.
 
 use palpate_core::Pose;
-use palpate_dynamics::{BodyState, ContactBlend, LinearContactModel, MotionBound, UnilateralContact};
+use palpate_core::glam::DVec3;
+use palpate_dynamics::{
+    BodyState, ContactBlend, LinearContactModel, MotionBound, PushedBody, UnilateralContact,
+};
 
-use crate::contact::geometry::{ContactGeometry, Slacks, StepContacts, StepMotion};
+use super::pushed_objects::PushedObjects;
+use super::reactions::ReactionFeed;
+use crate::contact::geometry::{ContactGeometry, PredictedMotion, Slacks, StepContacts, StepMotion};
 use crate::contact::monitor::{ConstraintForces, ContactForce};
 use crate::telemetry::record::ModelData;
 
@@ -28,6 +33,10 @@ pub(super) struct BodyContacts {
     contacts: [StepContacts; 2],
     /// Which are those of this step.
     now: usize,
+    /// Scene objects that contacts push.
+    pushed: PushedObjects,
+    /// Centre of mass from which the contacts' arms are, m.
+    center: DVec3,
     /// Data of the newest contact model, with the constraints of this step.
     pub found: ModelData,
     /// Largest depth (m) and number of its penalty contacts.
@@ -47,6 +56,8 @@ impl BodyContacts {
             slacks: Slacks::default(),
             contacts: Default::default(),
             now: 0,
+            pushed: PushedObjects::default(),
+            center: pose.translation,
             found: ModelData::none(pose),
             penalties: (0.0, 0),
             radius,
@@ -64,10 +75,12 @@ impl BodyContacts {
             found.clear();
             return MotionBound::NONE;
         };
+        self.center = state.pose.translation;
         geometry.advance(dt);
+        self.pushed.begin(geometry, dt);
         let speed = state.twist.linear.length() + state.twist.angular.length() * self.radius;
         let moved = dt * speed;
-        let motion = StepMotion { dt, moved, reach: MIN_REACH + REACH * moved };
+        let motion = StepMotion { moved, reach: MIN_REACH + REACH * moved };
         geometry.contacts(&mut self.slacks, state, &motion, before, found);
         let (depth, contacts) = self.penalties;
         self.found.depth = depth.max(found.depth);
@@ -75,9 +88,25 @@ impl BodyContacts {
         MotionBound { step: found.room, ..geometry.bound }
     }
 
-    /// The penalty contacts and the unilateral ones of this step.
-    pub fn contacts(&mut self) -> (&LinearContactModel, &mut [UnilateralContact]) {
-        (self.blend.contacts(), &mut self.contacts[self.now].contacts)
+    /// The penalty contacts and the unilateral ones of this step, and the objects that these push.
+    pub fn contacts(&mut self) -> (&LinearContactModel, &mut [UnilateralContact], &[PushedBody]) {
+        let contacts = &mut self.contacts[self.now].contacts;
+        let objects = self.geometry.as_mut().map_or(&mut [][..], |geometry| &mut geometry.objects);
+        let pushed = self.pushed.touched(objects, contacts);
+        (self.blend.contacts(), contacts, pushed)
+    }
+
+    /// Ends a step of `dt` (s) at a time (s): moves the objects that its contacts push, and adds their
+    /// impulses to a feed. Returns the number of objects for which it had no room.
+    pub fn end(&mut self, (dt, time): (f64, f64), reacting: &mut ReactionFeed) -> u64 {
+        let Some(geometry) = &mut self.geometry else { return 0 };
+        let contacts = (&*self.contacts[self.now].contacts, self.center);
+        self.pushed.end(geometry, contacts, (dt, time), reacting)
+    }
+
+    /// Writes the motion of the objects that contacts push.
+    pub fn write_predicted(&self, to: &mut PredictedMotion) {
+        self.pushed.write(to);
     }
 
     /// Writes the forces of the last step's constraints on the body: the step of `dt` (s) ended at a state.
@@ -94,12 +123,14 @@ impl BodyContacts {
     pub fn take(&mut self, geometry: Option<&ContactGeometry>, state: &BodyState, age: f64) {
         let Some(found) = geometry else {
             self.geometry = None;
+            self.pushed.clear();
             return;
         };
         // Keys of points change from one geometry to the next.
         self.contacts[self.now].forget();
         let known = self.geometry.get_or_insert_with(|| found.clone());
         known.assign(found, &mut self.slacks);
+        self.pushed.take(known);
         known.advance(age);
         known.shift(&mut self.slacks, known.bound.displacement(&state.pose) as f32, age);
     }

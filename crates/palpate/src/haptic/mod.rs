@@ -12,10 +12,13 @@ mod observer;
 pub(crate) mod output;
 mod outputs;
 pub(crate) mod presence;
+mod pushed_objects;
 pub(crate) mod reactions;
 mod tools;
 pub(crate) mod tracking;
 pub(crate) mod workspace;
+
+use std::sync::Arc;
 
 use arrayvec::ArrayVec;
 use palpate_core::glam::DVec3;
@@ -34,7 +37,9 @@ use self::reactions::Reactions;
 use self::tracking::{Reading, Tracking};
 use self::workspace::{Workspace, motion_at};
 use crate::contact::ContactUpdate;
+use crate::contact::geometry::PredictedMotion;
 use crate::contact::monitor::ConstraintForces;
+use crate::scene::clock::SessionClock;
 use crate::scene::placement::HandlePlacement;
 use crate::settings::live::{HapticTuning, Ramp};
 use crate::telemetry::HapticTelemetry;
@@ -318,11 +323,15 @@ impl<T: Tool> HapticLoop<T> {
             body.blend.advance(&state, dt);
             let bound = body.find(&state, dt);
             let constrained = body.geometry.is_some();
-            let (model, unilateral) = body.contacts();
-            loads.push(BodyLoads { model, constrained, unilateral, bound });
+            let (model, unilateral, pushed) = body.contacts();
+            loads.push(BodyLoads { model, constrained, unilateral, pushed, bound });
         }
         let step = self.tool.step(hand, &mut loads, dt);
         drop(loads);
+        for body in &mut self.bodies {
+            let lost = body.end((dt, self.now), &mut self.outputs.reacting);
+            self.telemetry.events.reaction_dropped += lost;
+        }
         let contacts = self.contacts();
         let depth = self.bodies.iter().map(|body| body.found.depth).fold(0.0, f64::max);
         let telemetry = &mut self.telemetry;
@@ -382,6 +391,12 @@ impl<T: Tool> HapticLoop<T> {
             body.write_constraints(&self.tool.body_state(*index), dt, monitor.input_buffer_mut());
             monitor.publish();
         }
+        for (index, predicted) in &mut self.outputs.predicted {
+            let Some(body) = self.bodies.get(*index) else { continue };
+            body.write_predicted(predicted.input_buffer_mut());
+            predicted.publish();
+        }
+        self.outputs.clock.set(self.now);
         if !self.outputs.followers.is_empty() {
             let motion = self.motion();
             for follower in &mut self.outputs.followers {
@@ -408,6 +423,18 @@ impl<T: Tool> HapticLoop<T> {
         let (input, output) = triple_buffer::triple_buffer(&ConstraintForces::new());
         self.outputs.constraints.push((body, input));
         output
+    }
+
+    /// Opens a view of the motion of the objects that contacts with a body push.
+    pub(crate) fn predict(&mut self, body: usize) -> triple_buffer::Output<PredictedMotion> {
+        let (input, output) = triple_buffer::triple_buffer(&PredictedMotion::new());
+        self.outputs.predicted.push((body, input));
+        output
+    }
+
+    /// Time of the last step, for other threads.
+    pub(crate) fn clock(&self) -> Arc<SessionClock> {
+        Arc::clone(&self.outputs.clock)
     }
 
     /// Opens a view of the first body's motion for another session.

@@ -7,7 +7,9 @@ use palpate_device::DeviceError;
 use rtrb::Consumer;
 
 use super::reactions::ReactionFeed;
+use crate::contact::geometry::PredictedMotion;
 use crate::contact::monitor::ConstraintForces;
+use crate::scene::clock::SessionClock;
 use crate::settings::live::HapticTuning;
 
 /// Channels between the haptic loop and other threads. A clone has none of them.
@@ -21,6 +23,10 @@ pub(crate) struct Outputs {
     pub followers: Vec<triple_buffer::Input<(Pose, Twist)>>,
     /// Contact monitors of the constraints of bodies, by the bodies' indices.
     pub constraints: Vec<(usize, triple_buffer::Input<ConstraintForces>)>,
+    /// Contact loops of bodies, by the bodies' indices, that follow the objects that contacts push.
+    pub predicted: Vec<(usize, triple_buffer::Input<PredictedMotion>)>,
+    /// Time of the last step, for other threads.
+    pub clock: Arc<SessionClock>,
     /// The device's first error. Only the haptic loop sets it, so that it never waits.
     pub device_error: Arc<OnceLock<DeviceError>>,
 }

@@ -79,6 +79,23 @@ impl ReactionFeed {
         self.reactions.insert(Reactions { waiting: Arc::new(Mutex::new(waiting)) }).clone()
     }
 
+    /// Adds an impulse (N·s) on an object, with its angular impulse about the world's origin (N·m·s). Returns
+    /// 1 if there was no room for it.
+    pub fn push(&mut self, object: NonZeroU32, linear: DVec3, angular: DVec3) -> u64 {
+        if self.ring.is_none() {
+            return 0;
+        }
+        let object = scene_id(object);
+        match self.sums.iter_mut().find(|sum| sum.object == object) {
+            Some(sum) => {
+                sum.linear += linear;
+                sum.angular += angular;
+                0
+            }
+            None => u64::from(self.sums.try_push(Reaction { object, linear, angular }).is_err()),
+        }
+    }
+
     /// Adds the impulses of a step of `dt` (s), by the contact wrenches at its end: **F** dt and **T** dt.
     /// Returns the number of objects for which there was no room.
     pub fn add(&mut self, contacts: &LinearContactModel, state: &BodyState, dt: f64) -> u64 {
@@ -87,15 +104,7 @@ impl ReactionFeed {
         }
         let mut lost = 0;
         for (object, wrench) in contacts.reactions(state) {
-            let (linear, angular) = (wrench.force * dt, wrench.torque * dt);
-            let object = scene_id(object);
-            match self.sums.iter_mut().find(|sum| sum.object == object) {
-                Some(sum) => {
-                    sum.linear += linear;
-                    sum.angular += angular;
-                }
-                None => lost += u64::from(self.sums.try_push(Reaction { object, linear, angular }).is_err()),
-            }
+            lost += self.push(object, wrench.force * dt, wrench.torque * dt);
         }
         lost
     }

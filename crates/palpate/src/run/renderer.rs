@@ -256,20 +256,22 @@ impl<T: Tool> HapticRenderer<T> {
         let radii: Vec<f64> =
             bodies.iter().map(|(object, _)| object.radius_about(object.clod.source.center_of_mass)).collect();
         let specification = device.specification();
-        let haptic = HapticLoop::new(tool, loop_settings, state, specification, gripper, &radii);
+        let mut haptic = HapticLoop::new(tool, loop_settings, state, specification, gripper, &radii);
         let searching = Settings { search: SearchSettings { method: search, ..settings.search }, ..settings };
-        let contacts = bodies.iter().map(|(object, body)| {
+        let contacts = bodies.iter().enumerate().map(|(index, (object, body))| {
             let center = object.clod.source.center_of_mass;
             let mut contact =
                 ContactLoop::new(object, *body, center, scene.objects(), gains.contacts, &searching)?;
             if !may_constrain {
                 contact.use_penalties();
             }
+            contact.follow_predicted(haptic.predict(index));
             Ok::<_, ContactLoopError>(contact)
         });
+        let contacts = contacts.collect::<Result<_, _>>()?;
         Ok(Self {
             haptic,
-            contacts: contacts.collect::<Result<_, _>>()?,
+            contacts,
             device,
             period,
             probes: bodies.into_iter().map(|(object, _)| object).collect(),
@@ -327,6 +329,7 @@ impl<T: Tool> HapticRenderer<T> {
     pub fn scene_editor(&mut self) -> SceneEditor {
         let (first, others) = self.contacts.split_at_mut(1);
         let editor = first[0].editor();
+        editor.set_clock(self.haptic.clock());
         others.iter_mut().for_each(|other| other.follow_editor(&editor));
         editor
     }
@@ -393,6 +396,7 @@ fn follow(session: &mut HapticRenderer, leader: &mut HapticRenderer) -> Option<S
         mass,
         inertia,
         center_of_mass: probes[0].clod.source.center_of_mass,
+        gravity: DVec3::ZERO,
         period: period.max(session.period),
     };
     let (pose, _) = haptic.motion();

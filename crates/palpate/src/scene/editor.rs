@@ -12,6 +12,7 @@ use palpate_field::FieldOptions;
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::scene::SceneId;
+use crate::scene::clock::SessionClock;
 use crate::scene::moving::DynamicBody;
 use crate::scene::object::Object;
 
@@ -24,7 +25,8 @@ pub(crate) enum Edit {
     Add(SceneId, Object, Pose),
     Replace(SceneId, Object, Pose),
     Move(SceneId, Pose),
-    Motion(SceneId, Pose, Twist),
+    /// Pose and twist at a time of the session, s.
+    Motion(SceneId, Pose, Twist, f64),
     DynamicBody(SceneId, Option<DynamicBody>),
     Remove(SceneId),
 }
@@ -74,6 +76,8 @@ struct Edits {
     next: usize,
     /// Options of the objects' fields, if contacts are found in fields.
     fields: Option<FieldOptions>,
+    /// Time of the haptic loop.
+    clock: Arc<SessionClock>,
 }
 
 impl SceneEditor {
@@ -84,7 +88,9 @@ impl SceneEditor {
     ) -> (Self, Consumer<Edit>) {
         let known: BTreeSet<SceneId> = objects.into_iter().collect();
         let next = known.last().map_or(0, |last| last.0 + 1);
-        let editor = Self(Arc::new(Mutex::new(Edits { waiting: Vec::new(), known, next, fields })));
+        let clock = Arc::default();
+        let edits = Edits { waiting: Vec::new(), known, next, fields, clock };
+        let editor = Self(Arc::new(Mutex::new(edits)));
         let waiting = editor.add_loop();
         (editor, waiting)
     }
@@ -94,6 +100,11 @@ impl SceneEditor {
         let (edits, waiting) = RingBuffer::new(MAX_WAITING);
         self.edits().waiting.push(edits);
         waiting
+    }
+
+    /// Tells the time by the clock of a haptic loop from now on.
+    pub(crate) fn set_clock(&self, clock: Arc<SessionClock>) {
+        self.edits().clock = clock;
     }
 
     /// Identifier of the next object.
@@ -164,12 +175,13 @@ impl SceneEditor {
             return Err(EditError::Twist);
         }
         check(&pose)?;
-        self.change(id, Edit::Motion(id, pose, twist))
+        let time = self.edits().clock.now();
+        self.change(id, Edit::Motion(id, pose, twist, time))
     }
 
     /// Sets the mass and inertia of an object that contacts push. The [`Reactions`](crate::Reactions) on it
-    /// are reported, and its contacts are only as stiff as is stable with such a mass. With `None`, contacts
-    /// do not push it.
+    /// are reported, and until the host answers the haptic loop moves it as they would; penalty contacts with
+    /// it are only as stiff as is stable with such a mass. With `None`, contacts do not push it.
     ///
     /// # Errors
     /// If the dynamic body is invalid, the scene has no such object, or too many changes wait.

@@ -1,6 +1,7 @@
 //! Scene objects: their geometry, placement, motion and edits.
 
 pub(crate) mod cache;
+pub(crate) mod clock;
 pub(crate) mod editor;
 pub(crate) mod field;
 #[cfg(feature = "scene-files")]

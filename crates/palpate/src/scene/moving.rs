@@ -7,12 +7,14 @@
 //! touch. If the host sets nothing for [`MAX_EXTRAPOLATION`], the object stands still.
 //!
 //! A [`DynamicBody`] responds late: an impulse reaches it in a step of its own world, and its new pose
-//! reaches the contact loop one more step later. Stiffness and damping of contacts with it are limited to
-//! values that are stable with this delay, for its effective mass at the contact point along the normal.
+//! reaches the contact loop one more step later. Where contacts are constraints, the haptic loop moves it
+//! until then ([`PushedBody`](palpate_dynamics::PushedBody)). Stiffness and damping of penalty contacts with
+//! it are limited to values that are stable with this delay, for its effective mass at the contact point
+//! along the normal.
 
 use palpate_core::glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist};
-use palpate_dynamics::{ContactParameters, MovingBody};
+use palpate_dynamics::{Body, ContactParameters, HostState, MovingBody};
 
 use crate::scene::SceneId;
 
@@ -36,6 +38,14 @@ const MAX_FREQUENCY: f64 = 0.25;
 /// T is stable below π/2 m / T.
 const MAX_DAMPING: f64 = 0.5;
 
+/// Time from an impulse on a dynamic body to the host's answer, in steps of the host and of the contact loop.
+/// With less, the haptic loop takes answers for later ones; with more, it is slower to see whether the body
+/// gives way.
+const ANSWER: f64 = 1.25;
+
+/// Time after which a host that says nothing means that the body is as it was, in its steps.
+const SILENCE: f64 = 3.0;
+
 /// Mass properties of a scene object that contacts push, in the host's simulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DynamicBody {
@@ -45,6 +55,9 @@ pub struct DynamicBody {
     pub inertia: DMat3,
     /// Centre of mass in the mesh's frame, m.
     pub center_of_mass: DVec3,
+    /// Acceleration by gravity and other forces that do not come from contacts, m/s², world axes. A wrong one
+    /// makes contacts with a body that falls, or lies in the hand, restless.
+    pub gravity: DVec3,
     /// Time between two steps of the world that moves the body, s.
     pub period: f64,
 }
@@ -56,6 +69,7 @@ impl DynamicBody {
         positive(self.mass)
             && positive(self.period)
             && self.center_of_mass.is_finite()
+            && self.gravity.is_finite()
             && self.inertia.inverse().is_finite()
             && palpate_dynamics::Body::new(self.mass, self.inertia).is_ok()
     }
@@ -67,12 +81,34 @@ pub(crate) struct MovingObject {
     motion: Option<Motion>,
     /// Pose of the mesh's frame and velocity of its origin, if the host has set them since the last step.
     given: Option<(Pose, Twist)>,
+    /// What the host said last: pose of the mesh's frame and velocity of its origin, at a time (s).
+    told: Option<(f64, Pose, Twist)>,
+    /// Pose and velocity to which the haptic loop has moved it.
+    predicted: Option<(Pose, Twist)>,
     /// Dynamic body, with its inverse inertia.
     body: Option<(DynamicBody, DMat3)>,
     /// Whether reactions on it are reported.
     reacts: bool,
     /// Motion of another session's object that this one follows.
     leader: Option<triple_buffer::Output<(Pose, Twist)>>,
+}
+
+/// What the haptic loop needs to move an object that contacts push.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pushable {
+    pub id: SceneId,
+    pub body: Body,
+    /// Centre of mass in the mesh's frame, m.
+    pub center: DVec3,
+    pub told: HostState,
+    /// Whether the object was put where it is, rather than moved there.
+    pub is_placed: bool,
+    /// Time from an impulse to the host's answer, s.
+    pub delay: f64,
+    /// Acceleration by other forces, m/s² and rad/s².
+    pub load: Twist,
+    /// Bounding radius about the centre of mass, m.
+    pub radius: f64,
 }
 
 /// Motion between two poses of the host.
@@ -93,7 +129,15 @@ struct Motion {
 impl MovingObject {
     /// Makes an object that a host moves.
     pub fn new() -> Self {
-        Self { motion: None, given: None, body: None, reacts: false, leader: None }
+        Self {
+            motion: None,
+            given: None,
+            told: None,
+            predicted: None,
+            body: None,
+            reacts: false,
+            leader: None,
+        }
     }
 
     /// Makes an object that follows another session's.
@@ -105,9 +149,58 @@ impl MovingObject {
         moving
     }
 
-    /// Sets the pose of the mesh's frame and the velocity of its origin.
-    pub fn set_motion(&mut self, pose: &Pose, twist: &Twist) {
+    /// Sets the pose of the mesh's frame and the velocity of its origin, as they were at a time (s).
+    pub fn set_motion(&mut self, pose: &Pose, twist: &Twist, time: f64) {
         self.given = Some((*pose, *twist));
+        self.told = Some((time, *pose, *twist));
+    }
+
+    /// Takes over the motion that the haptic loop has found, or no longer does.
+    pub fn set_predicted(&mut self, predicted: Option<(Pose, Twist)>) {
+        self.predicted = predicted;
+    }
+
+    /// The object as the haptic loop moves it, with its mesh's frame at a pose, a bounding radius about its
+    /// centre of mass (m) and contacts found every `interval` (s), at a time (s); `None` if contacts do not
+    /// push it.
+    pub fn pushable(
+        &self,
+        id: SceneId,
+        (pose, radius): (&Pose, f64),
+        (interval, now): (f64, f64),
+    ) -> Option<Pushable> {
+        let (dynamics, _) = self.body.as_ref()?;
+        let DynamicBody { mass, inertia, center_of_mass, gravity, period } = *dynamics;
+        let (time, pose, twist) = self.told.map_or((f64::NEG_INFINITY, *pose, Twist::ZERO), |told| {
+            // A host that says nothing more has nothing more to say: the object is as it was.
+            let (time, pose, twist) = told;
+            if now - time <= SILENCE * period { told } else { stood(&pose, &twist, (time, now - period)) }
+        });
+        let arm = pose.rotation * center_of_mass;
+        Some(Pushable {
+            id,
+            body: Body::new(mass, inertia).ok()?,
+            center: center_of_mass,
+            told: HostState {
+                time,
+                pose: pose * Pose::from_translation(center_of_mass),
+                twist: Twist::new(twist.velocity_at(arm), twist.angular),
+            },
+            is_placed: self.told.is_none(),
+            delay: ANSWER * (period + interval.max(0.0)),
+            load: Twist::new(gravity, DVec3::ZERO),
+            radius,
+        })
+    }
+
+    /// Whether contacts move an object of less than a mass (kg), at once or in another session.
+    pub fn is_lighter(&self, mass: f64) -> bool {
+        self.body.is_some_and(|(body, _)| body.mass < mass)
+    }
+
+    /// Centre of mass in the mesh's frame of an object that contacts push, m.
+    pub fn center_of_mass(&self) -> Option<DVec3> {
+        self.body.map(|(body, _)| body.center_of_mass)
     }
 
     pub fn set_dynamics(&mut self, body: Option<DynamicBody>) {
@@ -115,14 +208,9 @@ impl MovingObject {
         self.reacts = self.body.is_some();
     }
 
-    /// Whether contacts move the object, at once or in another session.
-    pub fn is_pushed(&self) -> bool {
-        self.body.is_some()
-    }
-
     /// Stops the object where it is.
     pub fn stop(&mut self) {
-        (self.motion, self.given) = (None, None);
+        (self.motion, self.given, self.told, self.predicted) = (None, None, None, None);
     }
 
     /// Pose of the mesh's frame at a time (s); `None` if the host has never moved it.
@@ -130,11 +218,12 @@ impl MovingObject {
         if let Some(leader) = &mut self.leader
             && leader.update()
         {
-            self.given = Some(*leader.output_buffer_mut());
+            let (pose, twist) = *leader.output_buffer_mut();
+            self.set_motion(&pose, &twist, now);
         }
         let given = self.given.take();
         if self.motion.is_none() && given.is_none() {
-            return None;
+            return self.predicted.map(|(pose, _)| pose);
         }
         let motion = self.motion.as_mut().map(|motion| motion.advance(now));
         match (motion, given) {
@@ -142,12 +231,14 @@ impl MovingObject {
             (None, Some((pose, twist))) => self.motion = Some(Motion::new(&pose, &twist, now)),
             (_, None) => {}
         }
-        self.motion.map(|motion| motion.pose)
+        let predicted = self.predicted.map(|(pose, _)| pose);
+        predicted.or(self.motion.map(|motion| motion.pose))
     }
 
     /// Velocity of the mesh's origin, and angular velocity, as contacts see it.
     pub fn twist(&self) -> Twist {
-        self.motion.map_or(Twist::ZERO, |motion| motion.twist)
+        let predicted = self.predicted.map(|(_, twist)| twist);
+        predicted.or(self.motion.map(|motion| motion.twist)).unwrap_or(Twist::ZERO)
     }
 
     /// Motion of the object as contacts use it, with its mesh's frame at a pose: the twist at the world's
@@ -188,6 +279,13 @@ impl MovingObject {
             ..*parameters
         }
     }
+}
+
+/// State of an object, told at the first of two times (s), at the second one: it moves on for a while, and
+/// then stands.
+fn stood(pose: &Pose, twist: &Twist, (time, then): (f64, f64)) -> (f64, Pose, Twist) {
+    let pose = pose.moved(twist, (then - time).clamp(0.0, MAX_EXTRAPOLATION));
+    (then, pose, if then - time < MAX_EXTRAPOLATION { *twist } else { Twist::ZERO })
 }
 
 impl Motion {
@@ -270,7 +368,7 @@ mod tests {
         for step in 0..2000 {
             let now = f64::from(step) * 1e-3 + 2e-4 * (f64::from(step) * 1.7).sin();
             if now >= next {
-                moving.set_motion(&pose(now), &twist(now));
+                moving.set_motion(&pose(now), &twist(now), now);
                 next += 1.0 / 60.0;
             }
             let found = moving.advance(now).expect("it moves");
@@ -305,6 +403,7 @@ mod tests {
                 moving.set_motion(
                     &Pose::from_translation(DVec3::X * speed * due),
                     &Twist::new(DVec3::X * speed, DVec3::ZERO),
+                    now,
                 );
                 picture += 1;
             }
@@ -335,6 +434,7 @@ mod tests {
             mass: 0.01,
             inertia: DMat3::from_diagonal(DVec3::splat(1e-6)),
             center_of_mass: DVec3::X * 0.01,
+            gravity: DVec3::ZERO,
             period: 1e-3,
         };
         let mut moving = MovingObject::new();

@@ -19,8 +19,8 @@ use std::fmt::Debug;
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Wrench};
 use palpate_dynamics::{
-    BodyState, DeviceMotion, GripperMotion, LinearContactModel, MotionBound, StepStatus, UnilateralContact,
-    VirtualCoupling,
+    BodyState, DeviceMotion, GripperMotion, LinearContactModel, MotionBound, PushedBody, StepStatus,
+    UnilateralContact, VirtualCoupling,
 };
 
 use crate::telemetry::record::{Recorded, StepData};
@@ -97,6 +97,8 @@ pub struct BodyLoads<'a> {
     pub constrained: bool,
     /// Unilateral contacts.
     pub unilateral: &'a mut [UnilateralContact],
+    /// Scene objects that the unilateral contacts push.
+    pub pushed: &'a [PushedBody],
     /// Bound on the body's motion.
     pub bound: MotionBound,
 }

@@ -58,7 +58,7 @@ impl Moves for Rigid {
         };
         let ConstrainedStep { step, held_back } = match load {
             Some(load) if load.constrained => {
-                constrained_step(&frame, &self.state, load.unilateral, &load.bound, dt)
+                constrained_step(&frame, &self.state, load.unilateral, load.pushed, &load.bound, dt)
             }
             _ => self.integrator.step(&frame, &self.state, dt).into(),
         };

@@ -233,6 +233,7 @@ impl Running {
                         mass,
                         inertia: DMat3::from_diagonal(DVec3::splat(0.4 * mass * radius * radius)),
                         center_of_mass: DVec3::ZERO,
+                        gravity: DVec3::ZERO,
                         period: 1e-3,
                     };
                     scene.set_dynamics(SceneId(0), Some(body)).map_err(|error| error.to_string())?;

@@ -151,7 +151,7 @@ fn invalid_bodies_are_refused() {
     world.step();
     touched.add(scene, &world.bodies, heavy, &cube).expect("a mass");
     for period in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        let mut timeless = TouchedBodies::new(period);
+        let mut timeless = TouchedBodies::new(period, world.gravity);
         let refused = timeless.add(scene, &world.bodies, body, &cube);
         assert_eq!(refused, Err(TouchError::Edit { body, source: EditError::DynamicBody }), "{period}");
         assert!(timeless.is_empty());

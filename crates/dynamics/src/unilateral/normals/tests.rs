@@ -4,6 +4,10 @@ use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
 use super::*;
 
+type Six = Vector<6>;
+type Side = super::Side<6>;
+type Normals = super::Normals<6>;
+
 const COMPLIANCE: f64 = 1e-3;
 
 /// Contacts with random rows, some of them redundant: the same row again, or one that opposes it.
@@ -155,7 +159,7 @@ fn factors_solve_what_gaussian_elimination_does() {
             system.change(set, &sides);
             let others: Six = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
             let mut rows: Vec<Vec<f64>> =
-                IDENTITY.iter().map(|row| [row.as_slice(), &[0.0]].concat()).collect();
+                identity::<6>().iter().map(|row| [row.as_slice(), &[0.0]].concat()).collect();
             for side in members(set).map(|index| &sides[index]) {
                 for (row, along) in rows.iter_mut().zip(side.row) {
                     let approach = side.excess - dot(&side.row, &others);

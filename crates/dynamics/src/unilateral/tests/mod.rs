@@ -2,6 +2,7 @@
 
 mod many;
 mod motion;
+mod pushed;
 
 use arrayvec::ArrayVec;
 use glam::{DMat3, DQuat, DVec3};
@@ -88,7 +89,7 @@ impl Rig {
     }
 
     fn step(&self, contacts: &mut [UnilateralContact]) -> ConstrainedStep {
-        constrained_step(&self.frame(), &self.state, contacts, &MotionBound::NONE, DT)
+        constrained_step(&self.frame(), &self.state, contacts, &[], &MotionBound::NONE, DT)
     }
 
     /// Matrix and right-hand side of the step without contacts.
@@ -103,7 +104,16 @@ impl Rig {
 }
 
 fn contact(arm: DVec3, normal: DVec3, gap: f64) -> UnilateralContact {
-    UnilateralContact { arm, normal, gap, velocity: DVec3::ZERO, friction: 0.0, impulse: DVec3::ZERO, key: 0 }
+    UnilateralContact {
+        arm,
+        normal,
+        gap,
+        velocity: DVec3::ZERO,
+        friction: 0.0,
+        impulse: DVec3::ZERO,
+        pushed: None,
+        key: 0,
+    }
 }
 
 /// Contacts at arms of 2 cm, with gaps that a step may close, and overlaps.

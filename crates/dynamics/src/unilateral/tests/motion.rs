@@ -167,7 +167,7 @@ fn no_point_moves_beyond_the_bound() {
             radius,
         };
         let mut contacts = random_contacts(&mut rng, 4, 0.3);
-        let found = constrained_step(&rig.frame(), &rig.state, &mut contacts, &bound, DT);
+        let found = constrained_step(&rig.frame(), &rig.state, &mut contacts, &[], &bound, DT);
         let next = found.step.state.pose;
         let was_beyond = bound.displacement(&rig.state.pose) > bound.room;
         beyond += u32::from(was_beyond);
@@ -254,7 +254,7 @@ fn unusable_inputs_are_refused_as_by_other_steps() {
     for dt in [0.0, -1e-3, f64::NAN, f64::INFINITY] {
         let rig = Rig::free();
         let mut contacts = bottom(&Pose::IDENTITY, 0.3);
-        let found = constrained_step(&rig.frame(), &rig.state, &mut contacts, &MotionBound::NONE, dt);
+        let found = constrained_step(&rig.frame(), &rig.state, &mut contacts, &[], &MotionBound::NONE, dt);
         assert_eq!(found.step.status.failure, Some(StepFailure::TimeStep));
     }
 }

@@ -6,6 +6,7 @@ use palpate::clod_build::unwatched;
 use palpate::device::{DeviceState, Emulation, IntendedPath, Status};
 use palpate::dynamics::{BodyState, DeviceMotion};
 use palpate::glam::{DMat3, DVec3};
+use palpate::settings::{ContactSettings, Response};
 use palpate::{
     ContactLoop, HapticLoop, HapticRenderer, Object, OpenOptions, Pose, Reactions, Record, Scene,
     SceneEditor, Settings, TriMesh, Twist,
@@ -40,6 +41,17 @@ impl Session {
     /// Returns a session with a world that is stepped every so many milliseconds, and a hand with a position
     /// (m) and velocity (m/s) at a time (s).
     pub fn new(
+        world: PhysicsWorld,
+        every: u32,
+        probe: &Object,
+        hand: impl Fn(f64) -> (DVec3, DVec3) + 'static,
+    ) -> Self {
+        Self::with(Response::default(), world, every, probe, hand)
+    }
+
+    /// The same with a response to contacts.
+    pub fn with(
+        response: Response,
         mut world: PhysicsWorld,
         every: u32,
         probe: &Object,
@@ -52,13 +64,14 @@ impl Session {
             (Pose::from_translation(place), Twist::new(velocity, DVec3::ZERO))
         };
         let device = Emulation::default().open(IntendedPath::from(hand(0.0).0)).expect("an emulated device");
-        let settings = Settings::default();
+        let contact = ContactSettings { response, ..ContactSettings::default() };
+        let settings = Settings { contact, ..Settings::default() };
         let renderer = HapticRenderer::new(probe.clone(), Scene::new(), Box::new(device), settings);
         let mut renderer = renderer.expect("a session");
         let (scene, reactions) = (renderer.scene_editor(), renderer.reactions());
         let (haptic, contact, _) = renderer.into_loops();
         let (probe, mass, hand) = (probe.clone(), settings.tool.mass, Box::new(hand));
-        let touched = TouchedBodies::new(dt);
+        let touched = TouchedBodies::new(dt, world.gravity);
         Self { world, touched, scene, reactions, haptic, contact, probe, mass, hand, every, steps: 0 }
     }
 
