@@ -109,6 +109,13 @@ impl Body {
         self.inertia + (DMat3::IDENTITY * arm.length_squared() - square) * self.mass
     }
 
+    /// Twist of the centre of mass after an impulse (N·s) and an angular one about it (N·m·s), world axes.
+    pub fn pushed(&self, state: &BodyState, linear: DVec3, angular: DVec3) -> Twist {
+        let to_world = state.pose.rotation;
+        let turned = to_world * (self.inertia.inverse() * (to_world.conjugate() * angular));
+        Twist::new(state.twist.linear + linear / self.mass, state.twist.angular + turned)
+    }
+
     /// Kinetic energy at a state, J.
     pub fn kinetic_energy(&self, state: &BodyState) -> f64 {
         let spin = state.pose.rotation.conjugate() * state.twist.angular;

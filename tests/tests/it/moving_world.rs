@@ -4,11 +4,12 @@ use palpate::device::{DeviceState, Emulation, IntendedPath, Status};
 use palpate::dynamics::BodyState;
 use palpate::errors::EditError;
 use palpate::glam::{DMat3, DVec3};
-use palpate::settings::{ContactSettings, SearchSettings, ToolSettings};
+use palpate::settings::{ContactSettings, Response, SearchSettings, ToolSettings};
 use palpate::{
     ContactLoop, DynamicBody, HapticLoop, HapticRenderer, Object, Pose, Reactions, Record, Scene,
     SceneEditor, SceneId, Settings, Twist,
 };
+use palpate_measure::Deepest;
 use palpate_tests::{FreeBody, model, penalties};
 
 const PERIOD: f64 = 1e-3;
@@ -26,6 +27,8 @@ struct Rig {
     scene: SceneEditor,
     reactions: Reactions,
     steps: u32,
+    /// Haptic steps per contact step.
+    stride: u32,
 }
 
 impl Rig {
@@ -42,7 +45,7 @@ impl Rig {
     fn of(mut renderer: HapticRenderer, hand: Hand) -> Self {
         let (scene, reactions) = (renderer.scene_editor(), renderer.reactions());
         let (haptic, contact, _) = renderer.into_loops();
-        Self { haptic, contact, hand, scene, reactions, steps: 0 }
+        Self { haptic, contact, hand, scene, reactions, steps: 0, stride: STRIDE }
     }
 
     fn now(&self) -> f64 {
@@ -51,7 +54,7 @@ impl Rig {
 
     fn step(&mut self) -> Record {
         let body: BodyState = *self.haptic.body_state();
-        let update = (self.steps.is_multiple_of(STRIDE)).then(|| self.contact.step(&body, self.now()));
+        let update = (self.steps.is_multiple_of(self.stride)).then(|| self.contact.step(&body, self.now()));
         self.steps += 1;
         let now = self.now();
         let (pose, twist) = (self.hand)(now);
@@ -320,37 +323,100 @@ fn a_block_on_a_table_holds_the_probe() {
     assert!(deepest > 3.9e-3 && force.z < 0.05, "{deepest} m, {force} N");
 }
 
-/// Two hands press an object from both sides: they feel opposite forces, and both come to rest.
+/// Two hands that move along z, each with an object; the first session finds the contacts.
+struct TwoHands {
+    upper: Rig,
+    lower: Rig,
+    objects: [Object; 2],
+    /// Poses of the upper object's mesh in the frame of the lower one's.
+    poses: Vec<Pose>,
+}
+
+/// Heights of the hands above where their objects would touch, by time (s), m.
+type Heights = [fn(f64) -> f64; 2];
+
+impl TwoHands {
+    fn new(settings: Settings, heights: Heights) -> Self {
+        let objects = [model("ellipsoid@500"), model("golf-ball@5000")];
+        let apart = top(&objects[1]) - bottom(&objects[0]);
+        let hands = [0, 1].map(|which| -> Hand {
+            let (middle, height) = ([0.5, -0.5][which] * apart, heights[which]);
+            Box::new(move |time| (Pose::from_translation(DVec3::Z * (middle + height(time))), Twist::ZERO))
+        });
+        // Contact begins at the same distance for both.
+        let settings = Settings {
+            search: SearchSettings { tolerance: Some(2e-4), ..SearchSettings::default() },
+            tool: ToolSettings { grasp: Some(Pose::IDENTITY), ..settings.tool },
+            ..settings
+        };
+        let mut upper = renderer(objects[0].clone(), Scene::new(), settings, &hands[0]);
+        let mut lower = renderer(objects[1].clone(), Scene::new(), settings, &hands[1]);
+        upper.join(&mut lower).expect("not textured");
+        let [above, below] = hands;
+        Self { upper: Rig::of(upper, above), lower: Rig::of(lower, below), objects, poses: Vec::new() }
+    }
+
+    /// Takes a step of both; returns the forces of the contacts on both objects, N.
+    fn step(&mut self) -> [DVec3; 2] {
+        let forces = [self.upper.step().contact.force, self.lower.step().contact.force];
+        self.poses.push(self.lower.haptic.object_pose().inverse() * self.upper.haptic.object_pose());
+        forces
+    }
+
+    /// Deepest overlap of all steps, by exact queries, m.
+    fn deepest(&self) -> f64 {
+        let [one, other] = &self.objects;
+        let scene = Scene::new().with(other.clone(), Pose::IDENTITY);
+        Deepest::of(&self.poses, one, &scene, 0.01).expect("closed surfaces").depth
+    }
+}
+
+/// Two hands press their objects together: they feel opposite forces, and both come to rest.
 #[test]
 fn two_hands_feel_each_other() {
-    let (one, other) = (model("ellipsoid@500"), model("golf-ball@5000"));
-    let apart = top(&other) - bottom(&one);
-    let hand = move |side: f64| -> Hand {
-        Box::new(move |time| {
-            let near = 2e-3 * ((time - 0.3) / 0.2).clamp(0.0, 1.0);
-            (Pose::from_translation(DVec3::Z * side * (0.5 * apart + 5e-4 - near)), Twist::ZERO)
-        })
-    };
-    // Contact begins at the same distance for both.
-    let settings = Settings {
-        search: SearchSettings { tolerance: Some(2e-4), ..SearchSettings::default() },
-        tool: ToolSettings { grasp: Some(Pose::IDENTITY), ..ToolSettings::default() },
-        ..penalties()
-    };
-    let mut upper = renderer(one, Scene::new(), settings, &hand(1.0));
-    let mut lower = renderer(other, Scene::new(), settings, &hand(-1.0));
-    upper.join(&mut lower).expect("not textured");
-    let (mut upper, mut lower) = (Rig::of(upper, hand(1.0)), Rig::of(lower, hand(-1.0)));
-    let mut felt = Vec::new();
-    for _ in 0..3000 {
-        let (above, below) = (upper.step(), lower.step());
-        felt.push((above.contact.force, below.contact.force));
+    fn near(time: f64) -> f64 {
+        2e-3 * ((time - 0.3) / 0.2).clamp(0.0, 1.0) - 5e-4
     }
-    let (above, below) = felt[felt.len() - 1];
-    assert!(above.z > 0.05, "{above} N");
-    assert!((above + below).length() < 0.02 * above.length(), "{above} and {below} N");
-    let restless = felt[2500..].iter().map(|(force, _)| force.distance(above)).fold(0.0, f64::max);
-    assert!(restless < 1e-3 * above.length(), "{restless} N of {above} N");
+    for settings in [penalties(), Settings::default()] {
+        let mut hands = TwoHands::new(settings, [|time| -near(time), near]);
+        let felt: Vec<_> = (0..3000).map(|_| hands.step()).collect();
+        let [above, below] = felt[felt.len() - 1];
+        assert!(above.z > 0.05, "{above} N");
+        assert!((above + below).length() < 0.02 * above.length(), "{above} and {below} N");
+        let restless = felt[2500..].iter().map(|[force, _]| force.distance(above)).fold(0.0, f64::max);
+        assert!(restless < 1e-3 * above.length(), "{restless} N of {above} N");
+        // Penalty contacts with so light an object are soft.
+        let deepest = hands.deepest();
+        let wanted = if settings.contact.response == Response::Constraints { 0.0..5e-6 } else { 5e-4..2e-3 };
+        assert!(wanted.contains(&deepest), "{deepest} m");
+    }
+}
+
+/// The hands meet at 1 m/s, and one of them goes on: its object pushes the other one.
+#[test]
+fn the_objects_of_two_hands_do_not_pass() {
+    let heights: Heights = [
+        |time| 0.02 - 0.5 * (time - 0.2).clamp(0.0, 0.08),
+        |time| -0.02 + 0.5 * (time - 0.2).clamp(0.0, 0.04),
+    ];
+    // Limits are twice what was found, with contacts at 500 and 50 Hz; penalty contacts are passed.
+    let cases = [
+        (Settings::default(), 2, 0.0..3.2e-4),
+        (Settings::default(), 20, 0.0..1.1e-3),
+        (penalties(), 2, 5e-3..0.1),
+        (penalties(), 20, 5e-3..0.1),
+    ];
+    for (settings, stride, wanted) in cases {
+        let mut hands = TwoHands::new(settings, heights);
+        (hands.upper.stride, hands.lower.stride) = (stride, stride);
+        let felt: Vec<_> = (0..2000).map(|_| hands.step()).collect();
+        let case = format!("{:?}, {stride} steps", settings.contact.response);
+        let deepest = hands.deepest();
+        assert!(wanted.contains(&deepest), "{case}: {deepest} m");
+        for [above, below] in felt {
+            assert!(above.dot(below) <= 0.0, "{case}: {above} and {below} N");
+        }
+    }
 }
 
 /// Invalid motions and bodies are refused where they are given.

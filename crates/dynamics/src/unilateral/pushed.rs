@@ -120,10 +120,14 @@ impl PushedBody {
         (self.pose, self.twist, self.surface) = (*pose, *twist, *twist);
     }
 
-    /// Takes note of the delay from an impulse to the host's answer (s), and of the acceleration by other
-    /// forces than contacts, m/s² and rad/s².
-    pub fn set(&mut self, delay: f64, load: &Twist) {
-        (self.delay, self.load) = (delay, *load);
+    /// Takes note of the delay from an impulse to the host's answer, s.
+    pub fn set_delay(&mut self, delay: f64) {
+        self.delay = delay;
+    }
+
+    /// Takes note of the acceleration by other forces than contacts, m/s² and rad/s².
+    pub fn set_load(&mut self, load: &Twist) {
+        self.load = *load;
     }
 
     /// Takes note of what the host says, if it is new.
@@ -148,6 +152,10 @@ impl PushedBody {
             turn: pose.rotation_vector_to(&host.pose),
             twist: Twist::new(host.twist.linear - twist.linear, host.twist.angular - twist.angular),
         };
+    }
+
+    /// Learns from what the host has said how the body responds.
+    pub fn learn(&mut self) {
         self.response.update(self.coordinates.root_mass, self.delay);
     }
 

@@ -12,7 +12,7 @@ use super::{ContactLoop, any_refined, query_settings};
 use crate::contact::textures::Textures;
 use crate::scene::SceneId;
 use crate::scene::editor::{Edit, SceneEditor};
-use crate::scene::moving::{DynamicBody, MovingObject};
+use crate::scene::moving::{DynamicBody, HandMotion, MovingObject};
 use crate::scene::object::Object;
 use crate::settings::ContactSearch;
 use crate::settings::live::{ContactTuning, Ramp};
@@ -152,14 +152,14 @@ impl ContactLoop {
         true
     }
 
-    /// Adds an object that follows another session's object, whose pose (mesh frame to world) and twist about
-    /// its origin come from `leader`.
-    pub(crate) fn add_following(
+    /// Adds an object that is in another hand, at a pose (mesh frame to world). Without a body, the other
+    /// session finds the contacts with it.
+    pub(crate) fn add_in_hand(
         &mut self,
         object: &Object,
         pose: &Pose,
-        leader: triple_buffer::Output<(Pose, Twist)>,
-        body: DynamicBody,
+        leader: triple_buffer::Output<HandMotion>,
+        body: Option<DynamicBody>,
     ) -> Option<SceneId> {
         let id = self.next_id();
         if !self.add(id, object, pose) {
@@ -167,7 +167,7 @@ impl ContactLoop {
         }
         let place = self.place_of(id)?;
         let radius = self.probe.bounding_radius();
-        let moving = MovingObject::following(leader, body);
+        let moving = MovingObject::in_hand(leader, body);
         let group = ContactGroup::with_moving(self.all_settings.search.clusters, radius);
         self.objects[place].as_mut()?.moving = Some(Box::new((moving, group)));
         self.moving.push(place);

@@ -28,7 +28,7 @@ pub(crate) const MAX_OBJECTS: usize = 8;
 const OBJECT_REACH: f64 = 2.0;
 
 /// Longest time that scene objects move on from where a query found them, s.
-const MAX_OBJECT_MOTION: f64 = 0.05;
+pub(super) const MAX_OBJECT_MOTION: f64 = 0.05;
 
 /// Largest distance (m) and smallest cosine of the angle between normals of contacts that are one. With less,
 /// points that have descended to the same place use up the contacts of a step.
@@ -55,6 +55,8 @@ pub(crate) struct NearObject {
     pub speed: f64,
     /// Bound on the motion of any of its points since the last step, m.
     pub moved: f64,
+    /// Whether another session finds the contacts with it, so that it only bounds the body's motion here.
+    pub felt_elsewhere: bool,
     /// What the haptic loop needs to move it, if contacts push it.
     pub pushable: Option<Pushable>,
     /// Index among the bodies that the haptic loop moves.
@@ -79,6 +81,8 @@ pub(crate) struct ContactGeometry {
     pub friction: Friction,
     /// Distance at which surfaces are held apart, m.
     pub margin: f64,
+    /// Bound on the speed of other scene objects that may come near, m/s.
+    pub far_speed: f64,
     /// Time since the query, s.
     pub age: f64,
 }
@@ -136,6 +140,9 @@ impl ContactGeometry {
         for (object, end) in objects.iter().zip(&slacks.ends) {
             let range = first..usize::from(*end);
             first = usize::from(*end);
+            if object.felt_elsewhere {
+                continue;
+            }
             let Some(values) = slacks.values.get_mut(range.clone()) else { continue };
             let mut near = ArrayVec::<u16, MAX_POINTS>::new();
             let reach = reach + OBJECT_REACH * object.moved;
@@ -188,12 +195,13 @@ impl ContactGeometry {
 
     /// Copies another geometry, and its points' slacks.
     pub fn assign(&mut self, found: &Self, slacks: &mut Slacks) {
-        let Self { probe, center_of_mass, objects, points, bound, friction, margin, age } = self;
+        let Self { probe, center_of_mass, objects, points, bound, friction, margin, far_speed, age } = self;
         if !Arc::ptr_eq(probe, &found.probe) {
             probe.clone_from(&found.probe);
         }
         (*center_of_mass, *bound) = (found.center_of_mass, found.bound);
         (*friction, *margin, *age) = (found.friction, found.margin, found.age);
+        *far_speed = found.far_speed;
         objects.truncate(found.objects.len());
         let known = objects.len();
         for (object, found) in objects.iter_mut().zip(&found.objects) {
@@ -235,6 +243,7 @@ impl ContactGeometry {
     pub fn advance(&mut self, dt: f64) {
         let dt = dt.min(MAX_OBJECT_MOTION - self.age).max(0.0);
         self.age += dt;
+        self.bound.room -= self.far_speed * dt;
         for object in &mut self.objects {
             if object.pushed.is_some() || object.speed == 0.0 {
                 self.bound.room -= object.moved;
@@ -255,12 +264,13 @@ impl ContactGeometry {
 
 impl NearObject {
     fn assign(&mut self, found: &Self) {
-        let Self { place, surface, pose, motion, speed, moved, pushable, pushed } = self;
+        let Self { place, surface, pose, motion, speed, moved, felt_elsewhere, pushable, pushed } = self;
         if !Arc::ptr_eq(surface, &found.surface) {
             surface.clone_from(&found.surface);
         }
         (*place, *pose, *motion, *speed) = (found.place, found.pose, found.motion, found.speed);
-        (*moved, *pushable, *pushed) = (found.moved, found.pushable, found.pushed);
+        (*moved, *felt_elsewhere) = (found.moved, found.felt_elsewhere);
+        (*pushable, *pushed) = (found.pushable, found.pushed);
     }
 }
 
@@ -408,6 +418,7 @@ mod tests {
             motion: MovingBody::STILL,
             speed: height,
             moved: 0.0,
+            felt_elsewhere: false,
             pushable: None,
             pushed: None,
         };
@@ -419,6 +430,7 @@ mod tests {
             bound: MotionBound::NONE,
             friction: Friction::NONE,
             margin: 0.0,
+            far_speed: 0.0,
             age: 0.0,
         };
         let points: Vec<GuardedPoint> = {

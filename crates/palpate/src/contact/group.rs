@@ -45,10 +45,11 @@ impl Counterpart<'_> {
         }
     }
 
-    /// Whether contacts with the object are constraints, for a body in the hand of a mass (kg).
+    /// Whether contacts with the object are no penalty contacts, for a body in the hand of a mass (kg).
     pub fn is_constraint(&self, response: Response, held: f64) -> bool {
-        let light = matches!(self, Self::Moving { object, .. } if object.is_lighter(MIN_MASS * held));
-        response == Response::Constraints && !light
+        let Self::Moving { object, .. } = self else { return response == Response::Constraints };
+        let is_light = object.is_lighter(MIN_MASS * held);
+        object.is_felt_elsewhere() || response == Response::Constraints && !is_light
     }
 
     /// Gains of one of `count` contacts with the object, at a point (m) with a normal, limited to what is

@@ -12,7 +12,7 @@ use palpate_field::FeatureMesh;
 use super::ContactLoop;
 use super::assemble::counterpart;
 use super::by_fields::{NearFields, in_steps};
-use super::geometry::{ContactGeometry, NearObject};
+use super::geometry::{ContactGeometry, MAX_OBJECT_MOTION, NearObject};
 use super::guard::{Guard, Limits, Start, StartPlace};
 use super::near_samples::{Sampled, sample_long_edges};
 use super::proxy::{ContactFinder as _, LevelFinder, QueryReport};
@@ -123,6 +123,7 @@ impl ContactLoop {
             bound: MotionBound { from: body.pose, room: reach, step: f64::INFINITY, radius: self.radius },
             friction: self.parameters.friction,
             margin: (MARGIN * radius).min(0.05 * tolerance),
+            far_speed: 0.0,
             age: 0.0,
         };
         let mesh = body.pose * Pose::from_translation(-self.center_of_mass);
@@ -165,12 +166,33 @@ impl ContactLoop {
         let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
         let (nearest, dropped) = guard.fill(&mut geometry, &mesh, &Limits { reach, edge, near });
         geometry.bound.room = if report.refused { 0.0 } else { room.min(nearest.max(0.0)) };
+        geometry.far_speed = self.far_speed(&geometry);
         self.guard = guard;
         let events = &mut self.telemetry.events;
         events.contact_refused += u64::from(report.refused);
         events.contact_overflow += (report.dropped + dropped) as u64;
         events.not_converged += report.not_converged as u64;
         Some(geometry)
+    }
+
+    /// Bound on the speed of moving objects that may come near before the next query and have no points in a
+    /// geometry, m/s; but for those in other hands.
+    fn far_speed(&self, geometry: &ContactGeometry) -> f64 {
+        let MotionBound { from, room, radius, .. } = geometry.bound;
+        let speeds = self.moving.iter().filter_map(|place| {
+            if geometry.objects.iter().any(|object| object.place == *place) {
+                return None;
+            }
+            let object = self.objects.get(*place)?.as_ref()?;
+            if object.is_in_hand() {
+                return None;
+            }
+            let speed = object.speed();
+            let apart = self.scene.pose(object.handle)?.translation.distance(from.translation);
+            let clear = apart - object.object.radius_about(DVec3::ZERO) - radius;
+            (clear < room + speed * MAX_OBJECT_MOTION).then_some(speed)
+        });
+        speeds.fold(0.0, f64::max)
     }
 
     /// A scene object near the body, by its place, with contacts found every `interval` (s); `None` if it is
@@ -188,8 +210,19 @@ impl ContactLoop {
             let radius = near.object.radius_about(moving.0.center_of_mass()?);
             moving.0.pushable(near.id, (&pose, radius), (interval, self.time))
         });
-        let speed = near.speed();
-        Some(NearObject { place, surface, pose, motion, speed, moved: 0.0, pushable, pushed: None })
+        let felt_elsewhere = near.moving.as_ref().is_some_and(|moving| moving.0.is_felt_elsewhere());
+        Some(NearObject {
+            place,
+            surface,
+            pose,
+            motion,
+            // The haptic loop knows better how one in another hand moves.
+            speed: if near.is_in_hand() { 0.0 } else { near.speed() },
+            moved: 0.0,
+            felt_elsewhere,
+            pushable,
+            pushed: None,
+        })
     }
 
     /// Starts points at the samples in fields within the first of three reaches (m), at long edges, and in

@@ -25,6 +25,11 @@ impl InScene {
         Self { id, handle, object: object.clone(), moving: None }
     }
 
+    /// Whether it is in another hand, whose motion the haptic loop knows.
+    pub fn is_in_hand(&self) -> bool {
+        self.moving.as_ref().is_some_and(|moving| moving.0.is_in_hand())
+    }
+
     /// Bound on the speed of any of its points, m/s.
     pub fn speed(&self) -> f64 {
         let twist = self.moving.as_ref().map_or(Twist::ZERO, |moving| moving.0.twist());

@@ -7,6 +7,7 @@ use palpate_dynamics::{
     BodyState, ContactBlend, LinearContactModel, MotionBound, PushedBody, UnilateralContact,
 };
 
+use super::joined::Joined;
 use super::pushed_objects::PushedObjects;
 use super::reactions::ReactionFeed;
 use crate::contact::geometry::{ContactGeometry, PredictedMotion, Slacks, StepContacts, StepMotion};
@@ -65,9 +66,9 @@ impl BodyContacts {
         }
     }
 
-    /// Finds the unilateral contacts that a step of `dt` (s) from a state may reach. Returns the bound on its
-    /// motion.
-    pub fn find(&mut self, state: &BodyState, dt: f64) -> MotionBound {
+    /// Finds the unilateral contacts that a step of `dt` (s) from a state may reach, also with the objects in
+    /// other hands. Returns the bound on its motion.
+    pub fn find(&mut self, state: &BodyState, dt: f64, joined: &[Joined]) -> MotionBound {
         self.now = 1 - self.now;
         let [first, second] = &mut self.contacts;
         let (found, before) = if self.now == 0 { (first, second) } else { (second, first) };
@@ -77,6 +78,10 @@ impl BodyContacts {
         };
         self.center = state.pose.translation;
         geometry.advance(dt);
+        self.pushed.listen(joined);
+        for other in joined.iter().filter(|other| !self.pushed.moves(other.id)) {
+            geometry.bound.room -= other.moved;
+        }
         self.pushed.begin(geometry, dt);
         let speed = state.twist.linear.length() + state.twist.angular.length() * self.radius;
         let moved = dt * speed;
@@ -120,7 +125,13 @@ impl BodyContacts {
     }
 
     /// Takes over contact geometry that was found with the body elsewhere.
-    pub fn take(&mut self, geometry: Option<&ContactGeometry>, state: &BodyState, age: f64) {
+    pub fn take(
+        &mut self,
+        geometry: Option<&ContactGeometry>,
+        state: &BodyState,
+        age: f64,
+        joined: &[Joined],
+    ) {
         let Some(found) = geometry else {
             self.geometry = None;
             self.pushed.clear();
@@ -132,6 +143,9 @@ impl BodyContacts {
         known.assign(found, &mut self.slacks);
         self.pushed.take(known);
         known.advance(age);
+        for other in joined.iter().filter(|other| !self.pushed.moves(other.id)) {
+            known.bound.room -= other.speed() * age;
+        }
         known.shift(&mut self.slacks, known.bound.displacement(&state.pose) as f32, age);
     }
 

@@ -8,6 +8,7 @@ mod exchange;
 pub(crate) mod gripper;
 pub(crate) mod heat;
 pub(crate) mod invariants;
+mod joined;
 mod observer;
 pub(crate) mod output;
 mod outputs;
@@ -30,6 +31,7 @@ use rtrb::Consumer;
 use self::body_contacts::BodyContacts;
 use self::gripper::Gripper;
 use self::invariants::{Invariants, Moment};
+use self::joined::Joined;
 use self::output::Output;
 use self::outputs::Outputs;
 use self::presence::Presence;
@@ -39,7 +41,9 @@ use self::workspace::{Workspace, motion_at};
 use crate::contact::ContactUpdate;
 use crate::contact::geometry::PredictedMotion;
 use crate::contact::monitor::ConstraintForces;
+use crate::scene::SceneId;
 use crate::scene::clock::SessionClock;
+use crate::scene::moving::HandMotion;
 use crate::scene::placement::HandlePlacement;
 use crate::settings::live::{HapticTuning, Ramp};
 use crate::telemetry::HapticTelemetry;
@@ -212,7 +216,8 @@ impl<T: Tool> HapticLoop<T> {
         let duration = if since.is_nan() { 0.0 } else { since.min(ContactBlend::MAX_DURATION) };
         let age = self.now - time;
         known.blend.arrive(model, &state, age, duration);
-        known.take(geometry.as_ref(), &state, if age > 0.0 { age } else { 0.0 });
+        let age = if age > 0.0 { age } else { 0.0 };
+        known.take(geometry.as_ref(), &state, age, &self.outputs.joined);
         known.found = ModelData { time, pose: *model.pose(), depth, contacts };
         known.penalties = (depth, contacts);
     }
@@ -317,17 +322,27 @@ impl<T: Tool> HapticLoop<T> {
 
     /// Moves the tool by `dt` (s). After [`MAX_FAILED_STEPS`] it is placed where the hand holds it.
     fn step_tool(&mut self, hand: &Hand, dt: f64) -> ToolStep {
+        let other_hands = self.outputs.other_hands.take(&self.tool.body_state(0));
+        if let Some((linear, angular)) = other_hands {
+            self.tool.push(linear, angular);
+        }
+        self.outputs.joined.iter_mut().for_each(Joined::update);
+        let before = self.tool.body_state(0).twist;
         let mut loads = ArrayVec::<BodyLoads<'_>, 2>::new();
         for (index, body) in self.bodies.iter_mut().enumerate().take(2) {
             let state = self.tool.body_state(index);
             body.blend.advance(&state, dt);
-            let bound = body.find(&state, dt);
+            let bound = body.find(&state, dt, &self.outputs.joined);
             let constrained = body.geometry.is_some();
             let (model, unilateral, pushed) = body.contacts();
             loads.push(BodyLoads { model, constrained, unilateral, pushed, bound });
         }
-        let step = self.tool.step(hand, &mut loads, dt);
+        let mut step = self.tool.step(hand, &mut loads, dt);
         drop(loads);
+        self.outputs.other_hands.observe(&before, &self.tool.body_state(0).twist, dt);
+        if let Some((linear, angular)) = other_hands.filter(|_| dt > 0.0) {
+            step.contacts[0] += Wrench { force: linear / dt, torque: angular / dt };
+        }
         for body in &mut self.bodies {
             let lost = body.end((dt, self.now), &mut self.outputs.reacting);
             self.telemetry.events.reaction_dropped += lost;
@@ -398,19 +413,19 @@ impl<T: Tool> HapticLoop<T> {
         }
         self.outputs.clock.set(self.now);
         if !self.outputs.followers.is_empty() {
-            let motion = self.motion();
+            let motion = self.hand_motion();
             for follower in &mut self.outputs.followers {
                 follower.write(motion);
             }
         }
     }
 
-    /// Pose of the first mesh's frame, and the velocity of its origin with the angular velocity, in the
-    /// world.
-    pub(crate) fn motion(&self) -> (Pose, Twist) {
+    /// Motion of the first body, for another session.
+    fn hand_motion(&self) -> HandMotion {
         let (pose, state) = (self.tool.object_pose(0), self.tool.body_state(0));
         let arm = pose.translation - state.pose.translation;
-        (pose, Twist { linear: state.twist.velocity_at(arm), angular: state.twist.angular })
+        let twist = Twist { linear: state.twist.velocity_at(arm), angular: state.twist.angular };
+        HandMotion { pose, twist, load: self.outputs.other_hands.load() }
     }
 
     /// Opens the queue of contact forces on the scene's objects, filled from the next step on.
@@ -438,10 +453,20 @@ impl<T: Tool> HapticLoop<T> {
     }
 
     /// Opens a view of the first body's motion for another session.
-    pub(crate) fn lead(&mut self) -> triple_buffer::Output<(Pose, Twist)> {
-        let (input, output) = triple_buffer::triple_buffer(&self.motion());
+    pub(crate) fn lead(&mut self) -> triple_buffer::Output<HandMotion> {
+        let (input, output) = triple_buffer::triple_buffer(&self.hand_motion());
         self.outputs.followers.push(input);
         output
+    }
+
+    /// Follows the object in another hand, of a bounding radius (m), which is in this scene.
+    pub(crate) fn follow(&mut self, id: SceneId, other: &mut Self, radius: f64) {
+        self.outputs.joined.push(Joined::new(id, other.lead(), radius));
+    }
+
+    /// Lets contacts with an object of this scene, which is in another hand, act on it there.
+    pub(crate) fn push(&mut self, id: SceneId, other: &mut Self) {
+        other.outputs.other_hands.add(self.outputs.reacting.route(id));
     }
 
     /// Counts the energy that flowed over the last period. Returns the largest energy that may come back, J

@@ -2,14 +2,15 @@
 
 use std::sync::{Arc, OnceLock};
 
-use palpate_core::{Pose, Twist};
 use palpate_device::DeviceError;
 use rtrb::Consumer;
 
+use super::joined::{Joined, OtherHands};
 use super::reactions::ReactionFeed;
 use crate::contact::geometry::PredictedMotion;
 use crate::contact::monitor::ConstraintForces;
 use crate::scene::clock::SessionClock;
+use crate::scene::moving::HandMotion;
 use crate::settings::live::HapticTuning;
 
 /// Channels between the haptic loop and other threads. A clone has none of them.
@@ -20,7 +21,11 @@ pub(crate) struct Outputs {
     /// Forces of contacts on the scene's objects.
     pub reacting: ReactionFeed,
     /// Sessions that follow the first body.
-    pub followers: Vec<triple_buffer::Input<(Pose, Twist)>>,
+    pub followers: Vec<triple_buffer::Input<HandMotion>>,
+    /// Objects in other hands that contacts of this session push.
+    pub joined: Vec<Joined>,
+    /// Sessions whose contacts push the first body.
+    pub other_hands: OtherHands,
     /// Contact monitors of the constraints of bodies, by the bodies' indices.
     pub constraints: Vec<(usize, triple_buffer::Input<ConstraintForces>)>,
     /// Contact loops of bodies, by the bodies' indices, that follow the objects that contacts push.

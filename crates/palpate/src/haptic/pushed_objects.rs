@@ -3,11 +3,13 @@
 use arrayvec::ArrayVec;
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
-use palpate_dynamics::{MAX_PUSHED, PushedBody, UnilateralContact};
+use palpate_dynamics::{HostState, MAX_PUSHED, PushedBody, UnilateralContact};
 
+use super::joined::Joined;
 use super::reactions::ReactionFeed;
 use crate::contact::geometry::{ContactGeometry, MAX_OBJECTS, NearObject, PredictedMotion};
 use crate::scene::SceneId;
+use crate::scene::moving::HandMotion;
 
 /// Scene objects that contacts with one body push.
 #[derive(Clone, Debug, Default)]
@@ -74,11 +76,15 @@ impl PushedObjects {
             let (Some(body), Some(place)) = (self.bodies.get_mut(index), self.places.get(index)) else {
                 continue;
             };
-            body.set(pushable.delay, &pushable.load);
-            if pushable.is_placed {
+            body.set_delay(pushable.delay);
+            if pushable.in_hand {
+                // The other haptic loop says more.
+            } else if pushable.is_placed {
                 body.place(&pushable.told);
             } else {
+                body.set_load(&pushable.load);
                 body.hear(&pushable.told);
+                body.learn();
             }
             let (found, now) = (object.pose, place.mesh(body));
             // The mesh's origin is as good a point as any.
@@ -90,10 +96,34 @@ impl PushedObjects {
         }
     }
 
+    /// Whether it moves an object.
+    pub fn moves(&self, id: SceneId) -> bool {
+        self.places.iter().any(|place| place.id == id)
+    }
+
     /// Forgets all objects.
     pub fn clear(&mut self) {
         self.bodies.clear();
         self.places.clear();
+    }
+
+    /// Takes note of what the haptic loops of other hands say of the objects that they hold.
+    pub fn listen(&mut self, joined: &[Joined]) {
+        for other in joined.iter().filter(|other| other.is_new) {
+            let Some(index) = self.places.iter().position(|place| place.id == other.id) else { continue };
+            let HandMotion { pose, twist, load } = *other.motion();
+            let (Some(body), Some(place)) = (self.bodies.get_mut(index), self.places.get(index)) else {
+                continue;
+            };
+            let arm = pose.rotation * place.center;
+            body.set_load(&load);
+            // It was so after the last step.
+            body.hear(&HostState {
+                time: f64::INFINITY,
+                pose: pose * Pose::from_translation(place.center),
+                twist: Twist::new(twist.velocity_at(arm), twist.angular),
+            });
+        }
     }
 
     /// Begins a step of `dt` (s): the geometry's objects move as contacts see them.

@@ -59,6 +59,8 @@ pub(crate) struct ReactionFeed {
     ring: Option<Producer<Reaction>>,
     /// The host's end.
     reactions: Option<Reactions>,
+    /// Haptic loops of other hands, by the objects that they hold: reactions on these go there.
+    routes: Vec<(SceneId, Producer<Reaction>)>,
     sums: ArrayVec<Reaction, MAX_OBJECTS>,
 }
 
@@ -79,10 +81,22 @@ impl ReactionFeed {
         self.reactions.insert(Reactions { waiting: Arc::new(Mutex::new(waiting)) }).clone()
     }
 
+    /// Sends reactions on an object to another hand from the next step on.
+    pub fn route(&mut self, object: SceneId) -> Consumer<Reaction> {
+        let (ring, waiting) = RingBuffer::new(MAX_WAITING);
+        self.routes.push((object, ring));
+        waiting
+    }
+
+    /// Whether anyone takes reactions.
+    fn is_open(&self) -> bool {
+        self.ring.is_some() || !self.routes.is_empty()
+    }
+
     /// Adds an impulse (N·s) on an object, with its angular impulse about the world's origin (N·m·s). Returns
     /// 1 if there was no room for it.
     pub fn push(&mut self, object: NonZeroU32, linear: DVec3, angular: DVec3) -> u64 {
-        if self.ring.is_none() {
+        if !self.is_open() {
             return 0;
         }
         let object = scene_id(object);
@@ -99,7 +113,7 @@ impl ReactionFeed {
     /// Adds the impulses of a step of `dt` (s), by the contact wrenches at its end: **F** dt and **T** dt.
     /// Returns the number of objects for which there was no room.
     pub fn add(&mut self, contacts: &LinearContactModel, state: &BodyState, dt: f64) -> u64 {
-        if self.ring.is_none() || !contacts.reacts() {
+        if !self.is_open() || !contacts.reacts() {
             return 0;
         }
         let mut lost = 0;
@@ -112,14 +126,13 @@ impl ReactionFeed {
     /// Sends the sums, as far as there is room. Called in every step, so that no sum waits for the next
     /// contact.
     pub fn pass_on(&mut self) {
-        let Some(ring) = &mut self.ring else { return };
-        while let Some(sum) = self.sums.pop() {
-            if let Err(rtrb::PushError::Full(sum)) = ring.push(sum) {
-                // It was just popped, so there is room for it.
-                self.sums.push(sum);
-                break;
-            }
-        }
+        let Self { ring, routes, sums, .. } = self;
+        sums.retain(|sum| {
+            let route = routes.iter_mut().find(|(object, _)| *object == sum.object);
+            let ring = route.map(|(_, ring)| ring).or(ring.as_mut());
+            // Without a taker, it is not kept.
+            ring.is_some_and(|ring| ring.push(*sum).is_err())
+        });
     }
 }
 

@@ -153,15 +153,31 @@ impl HapticRenderer {
         &self.probes[0]
     }
 
-    /// Lets the objects in the hands of two sessions touch each other: each becomes an object of the other's
-    /// scene, and moves as the other hand moves it. Both sessions then render the contact, each with its own
-    /// settings. Returns the identifier of the other object in this session, and that of this object in the
-    /// other one; `None` if a texture of one of them cannot be rendered.
+    /// Lets the objects in the hands of two sessions touch each other. The other object becomes one of this
+    /// session's scene, which moves as the other hand moves it. This session finds the contacts between both,
+    /// with its own settings, and pushes the other object: what acts on one object acts on the other with the
+    /// opposite sign. This object becomes one of the other session's scene, too, which waits for it. Returns
+    /// the identifier of the other object in this session, and that of this object in the other one; `None`
+    /// if a texture of one of them cannot be rendered.
     ///
     /// Call it before either session runs.
     pub fn join(&mut self, other: &mut Self) -> Option<(SceneId, SceneId)> {
-        let there = follow(self, other)?;
-        let here = follow(other, self)?;
+        let HapticRenderer { haptic, contacts, probes, period, .. } = other;
+        let Body { mass, inertia, .. } = haptic.tool.body;
+        let body = DynamicBody {
+            mass,
+            inertia,
+            center_of_mass: probes[0].clod.source.center_of_mass,
+            gravity: DVec3::ZERO,
+            period: period.max(self.period),
+        };
+        let pose = haptic.object_pose();
+        let there = self.contacts[0].add_in_hand(&probes[0], &pose, haptic.lead(), Some(body))?;
+        self.haptic.follow(there, haptic, probes[0].radius_about(DVec3::ZERO));
+        self.haptic.push(there, haptic);
+        let pose = self.haptic.object_pose();
+        let here = contacts[0].add_in_hand(&self.probes[0], &pose, self.haptic.lead(), None)?;
+        haptic.follow(here, &mut self.haptic, self.probes[0].radius_about(DVec3::ZERO));
         Some((there, here))
     }
 }
@@ -386,19 +402,4 @@ impl HapticRenderer {
 #[expect(clippy::expect_used, reason = "a session has a contact loop for each body")]
 pub(crate) fn per_body<T: Tool, X>(values: impl Iterator<Item = X>) -> T::PerBody<X> {
     T::per_body(values).expect("a value for each body")
-}
-
-/// Adds the moving object of `leader` to the scene of `session`.
-fn follow(session: &mut HapticRenderer, leader: &mut HapticRenderer) -> Option<SceneId> {
-    let HapticRenderer { haptic, probes, period, .. } = leader;
-    let Body { mass, inertia, .. } = haptic.tool.body;
-    let body = DynamicBody {
-        mass,
-        inertia,
-        center_of_mass: probes[0].clod.source.center_of_mass,
-        gravity: DVec3::ZERO,
-        period: period.max(session.period),
-    };
-    let (pose, _) = haptic.motion();
-    session.contacts[0].add_following(&probes[0], &pose, haptic.lead(), body)
 }

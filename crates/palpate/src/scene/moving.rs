@@ -89,8 +89,20 @@ pub(crate) struct MovingObject {
     body: Option<(DynamicBody, DMat3)>,
     /// Whether reactions on it are reported.
     reacts: bool,
-    /// Motion of another session's object that this one follows.
-    leader: Option<triple_buffer::Output<(Pose, Twist)>>,
+    /// Motion of the object in another hand that this one is.
+    leader: Option<triple_buffer::Output<HandMotion>>,
+}
+
+/// Motion of the object in a hand, for another session.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct HandMotion {
+    /// Pose of the mesh's frame.
+    pub pose: Pose,
+    /// Velocity of its origin, and angular velocity.
+    pub twist: Twist,
+    /// Acceleration of the centre of mass, and angular one, by all that the other session does not do: m/s²
+    /// and rad/s².
+    pub load: Twist,
 }
 
 /// What the haptic loop needs to move an object that contacts push.
@@ -103,6 +115,8 @@ pub(crate) struct Pushable {
     pub told: HostState,
     /// Whether the object was put where it is, rather than moved there.
     pub is_placed: bool,
+    /// Whether it is in another hand, whose haptic loop tells more.
+    pub in_hand: bool,
     /// Time from an impulse to the host's answer, s.
     pub delay: f64,
     /// Acceleration by other forces, m/s² and rad/s².
@@ -140,13 +154,23 @@ impl MovingObject {
         }
     }
 
-    /// Makes an object that follows another session's.
-    pub fn following(leader: triple_buffer::Output<(Pose, Twist)>, body: DynamicBody) -> Self {
+    /// Makes an object that is in another hand. Without a body it is one that is only waited for: the other
+    /// session finds the contacts with it.
+    pub fn in_hand(leader: triple_buffer::Output<HandMotion>, body: Option<DynamicBody>) -> Self {
         let mut moving = Self::new();
         moving.leader = Some(leader);
-        moving.set_dynamics(Some(body));
-        moving.reacts = false;
+        moving.set_dynamics(body);
         moving
+    }
+
+    /// Whether the object is in another hand.
+    pub fn is_in_hand(&self) -> bool {
+        self.leader.is_some()
+    }
+
+    /// Whether another session finds the contacts with the object.
+    pub fn is_felt_elsewhere(&self) -> bool {
+        self.leader.is_some() && self.body.is_none()
     }
 
     /// Sets the pose of the mesh's frame and the velocity of its origin, as they were at a time (s).
@@ -187,7 +211,8 @@ impl MovingObject {
                 twist: Twist::new(twist.velocity_at(arm), twist.angular),
             },
             is_placed: self.told.is_none(),
-            delay: ANSWER * (period + interval.max(0.0)),
+            in_hand: self.leader.is_some(),
+            delay: ANSWER * (period + if self.leader.is_some() { period } else { interval.max(0.0) }),
             load: Twist::new(gravity, DVec3::ZERO),
             radius,
         })
@@ -218,8 +243,12 @@ impl MovingObject {
         if let Some(leader) = &mut self.leader
             && leader.update()
         {
-            let (pose, twist) = *leader.output_buffer_mut();
-            self.set_motion(&pose, &twist, now);
+            let HandMotion { pose, twist, .. } = *leader.output_buffer();
+            self.told = Some((now, pose, twist));
+        }
+        if self.leader.is_some() && self.predicted.is_none() {
+            // It is told as often as it moves.
+            self.predicted = self.told.map(|(_, pose, twist)| (pose, twist));
         }
         let given = self.given.take();
         if self.motion.is_none() && given.is_none() {

@@ -65,6 +65,10 @@ pub trait Moves: Clone + Debug + Send + 'static {
     /// Advances the tool by `dt` (s), with the contacts of each body.
     fn step(&mut self, hand: &Hand, loads: &mut [BodyLoads<'_>], dt: f64) -> ToolStep;
 
+    /// Pushes the tool with an impulse (N·s), and an angular one about its centre of mass (N·m·s). Only tools
+    /// of one body can be pushed.
+    fn push(&mut self, _linear: DVec3, _angular: DVec3) {}
+
     /// Places the tool, at rest, where its couplings are relaxed; `false` if that place is not finite.
     fn reseat(&mut self, hand: &Hand) -> bool;
 

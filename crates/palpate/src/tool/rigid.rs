@@ -73,6 +73,13 @@ impl Moves for Rigid {
         }
     }
 
+    fn push(&mut self, linear: DVec3, angular: DVec3) {
+        let pushed = self.body.pushed(&self.state, linear, angular);
+        if pushed.is_finite() {
+            self.state.twist = pushed;
+        }
+    }
+
     fn reseat(&mut self, hand: &Hand) -> bool {
         let relaxed = self.coupling.relaxed_pose(&hand.device.pose);
         let valid = relaxed.is_valid();

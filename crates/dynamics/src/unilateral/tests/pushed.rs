@@ -71,7 +71,8 @@ impl Session {
         let delay = DT * f64::from(period + interval);
         let mut pushed = PushedBody::new(&solid(mass), &told);
         let load = if world == World::Gravity { DVec3::NEG_Z * GRAVITY } else { DVec3::ZERO };
-        pushed.set(delay, &Twist::new(load, DVec3::ZERO));
+        pushed.set_delay(delay);
+        pushed.set_load(&Twist::new(load, DVec3::ZERO));
         let contact = UnilateralContact { pushed: Some(0), ..contact(DVec3::ZERO, DVec3::Z * side, 0.0) };
         Self {
             rig,
@@ -105,6 +106,7 @@ impl Session {
             }
             if !self.is_deaf {
                 self.pushed.hear(&self.known);
+                self.pushed.learn();
             }
             self.pushed.begin(DT);
             let between = self.pushed.pose().translation.z - self.rig.state.pose.translation.z;
