@@ -49,7 +49,7 @@ mod working_set;
 use glam::DVec3;
 use palpate_core::{Pose, Twist};
 
-pub use pushed::{HostState, MAX_PUSHED, PushedBody};
+pub use pushed::{HostState, PushedBody};
 pub use step::{ConstrainedStep, constrained_step};
 
 /// Largest number of contacts whose impulses a step finds.

@@ -9,12 +9,13 @@ use arrayvec::ArrayVec;
 use glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist};
 
+use super::UnilateralContact;
 use super::response::Response;
 use super::vector::{Six, add};
 use crate::body::Body;
 
 /// Largest number of bodies that a step pushes. With more, steps with several take longer.
-pub const MAX_PUSHED: usize = 3;
+pub(crate) const MAX_PUSHED: usize = 3;
 
 /// Number of past steps that a host's state is held against. With fewer, states that come late are held
 /// against a later time.
@@ -76,6 +77,44 @@ struct Coordinates {
     /// L, and its inverse.
     lower: DMat3,
     inverse: DMat3,
+}
+
+/// The bodies that the contacts of one step push.
+pub(crate) struct Pushed<'a> {
+    bodies: &'a [PushedBody],
+    /// Indices of those that the step moves.
+    moved: ArrayVec<u8, MAX_PUSHED>,
+}
+
+impl<'a> Pushed<'a> {
+    /// Those that contacts push first.
+    pub fn new<'c>(
+        bodies: &'a [PushedBody],
+        contacts: impl IntoIterator<Item = &'c UnilateralContact>,
+    ) -> Self {
+        let mut moved = ArrayVec::new();
+        if !bodies.is_empty() {
+            for index in contacts.into_iter().filter_map(|contact| contact.pushed) {
+                if !moved.contains(&index) && usize::from(index) < bodies.len() && !moved.is_full() {
+                    moved.push(index);
+                }
+            }
+        }
+        Self { bodies, moved }
+    }
+
+    /// Number of those that the step moves.
+    pub fn len(&self) -> usize {
+        self.moved.len()
+    }
+
+    /// The body that a contact pushes, and its place in the step, if the step moves it.
+    #[inline(always)]
+    pub fn of(&self, contact: &UnilateralContact) -> Option<(usize, &PushedBody)> {
+        let index = contact.pushed?;
+        let slot = self.moved.iter().position(|moved| *moved == index)?;
+        Some((slot, self.bodies.get(usize::from(index))?))
+    }
 }
 
 impl PushedBody {

@@ -15,7 +15,7 @@ use glam::DVec3;
 use palpate_core::Twist;
 
 use super::normals::{Normals, Side};
-use super::pushed::PushedBody;
+use super::pushed::Pushed;
 use super::vector::{Six, Vector, add, dot, sum};
 use super::{MAX_UNILATERAL, UnilateralContact};
 use crate::system::six;
@@ -54,51 +54,70 @@ struct Friction<const N: usize> {
 
 /// Rows of the contacts of a step, stored by the caller since they are large.
 #[derive(Default)]
-pub(super) struct Rows<const N: usize> {
+pub(crate) struct Rows<const N: usize> {
     normals: Normals<N>,
     rubbing: ArrayVec<Friction<N>, MAX_UNILATERAL>,
 }
 
-/// The bodies that contacts act on, with N velocities in all.
-pub(super) struct Bodies<'a> {
-    /// K of the body in the hand.
-    factor: &'a [Six; 6],
-    /// Those that contacts push.
-    pushed: &'a [PushedBody],
-    /// Centre of mass of the body in the hand, m.
-    center: DVec3,
+/// What contacts act on, with N velocities in all: the tool and the bodies that it pushes.
+pub(crate) trait Moved<const N: usize> {
+    /// The scaled row of a unit velocity along an axis at a contact of the tool.
+    fn row(&self, index: usize, contact: &UnilateralContact, axis: DVec3) -> Vector<N>;
+
+    /// Free velocity of the tool's body that a contact is on.
+    fn free(&self, index: usize) -> &Twist;
 }
 
-impl<'a> Bodies<'a> {
-    pub fn new(factor: &'a [Six; 6], center: DVec3, pushed: &'a [PushedBody]) -> Self {
-        Self { factor, pushed, center }
+/// Writes the part of a contact's scaled row that is of the bodies that it pushes, for centres of mass of the
+/// tool's body at `center` (m).
+#[inline(always)]
+pub(crate) fn push_row(
+    row: &mut [f64],
+    pushed: &Pushed<'_>,
+    contact: &UnilateralContact,
+    (center, axis): (DVec3, DVec3),
+) {
+    let Some((slot, body)) = pushed.of(contact) else { return };
+    if let Some(part) = row.chunks_exact_mut(6).nth(slot) {
+        let felt = body.row(center + contact.arm, axis);
+        for (entry, felt) in part.iter_mut().zip(felt) {
+            *entry = -felt;
+        }
     }
+}
 
-    /// The scaled row of a unit velocity along an axis at a contact.
+/// One body, and those that it pushes.
+pub(super) struct Single<'a> {
+    pub free: &'a Twist,
+    /// K.
+    pub factor: &'a [Six; 6],
+    /// Centre of mass, m.
+    pub center: DVec3,
+    pub pushed: &'a Pushed<'a>,
+}
+
+impl<const N: usize> Moved<N> for Single<'_> {
     #[inline(always)]
-    fn row<const N: usize>(&self, contact: &UnilateralContact, axis: DVec3) -> Vector<N> {
+    fn row(&self, _: usize, contact: &UnilateralContact, axis: DVec3) -> Vector<N> {
         let mut row = [0.0; N];
         let (held, others) = row.split_at_mut(6);
-        held.copy_from_slice(&scaled(self.factor, contact.arm, axis));
-        if N > 6
-            && let Some(index) = contact.pushed
-            && let Some(body) = self.pushed.get(usize::from(index))
-            && let Some(part) = others.chunks_exact_mut(6).nth(usize::from(index))
-        {
-            let felt = body.row(self.center + contact.arm, axis);
-            for (entry, felt) in part.iter_mut().zip(felt) {
-                *entry = -felt;
-            }
+        held.copy_from_slice(&scaled(self.factor, &six(axis, contact.arm.cross(axis))));
+        if N > 6 {
+            push_row(others, self.pushed, contact, (self.center, axis));
         }
         row
     }
+
+    #[inline(always)]
+    fn free(&self, _: usize) -> &Twist {
+        self.free
+    }
 }
 
-/// Contacts of one step, with the velocity of the body.
-pub(super) struct Solver<'a, const N: usize> {
+/// Contacts of one step.
+pub(crate) struct Solver<'a, M: Moved<N>, const N: usize> {
     contacts: &'a [UnilateralContact],
-    free: &'a Twist,
-    bodies: &'a Bodies<'a>,
+    moved: &'a M,
     rows: &'a mut Rows<N>,
     /// y of the normals, and of friction.
     pressed: Vector<N>,
@@ -107,36 +126,33 @@ pub(super) struct Solver<'a, const N: usize> {
     ready: u64,
 }
 
-/// The scaled row Kᵀ Jᵀ of a unit velocity along an axis at an arm, for a lower factor K.
+/// The scaled row Kᵀ Jᵀ, for a lower factor K.
 #[inline(always)]
-fn scaled(factor: &[Six; 6], arm: DVec3, axis: DVec3) -> Six {
-    let row = six(axis, arm.cross(axis));
-    let mut scaled = [0.0; 6];
+pub(crate) fn scaled<const D: usize>(factor: &[Vector<D>; D], row: &Vector<D>) -> Vector<D> {
+    let mut scaled = [0.0; D];
     for (k, (entries, value)) in factor.iter().zip(row).enumerate() {
         // In pairs.
-        for column in 0..(k + 2) & !1 {
+        for column in 0..((k + 2) & !1).min(D) {
             scaled[column] += value * entries[column];
         }
     }
     scaled
 }
 
-impl<'a, const N: usize> Solver<'a, N> {
-    /// Prepares contacts, given the free velocity of the body in the hand, for a step of `dt` (s) with a
-    /// largest recovery velocity (m/s).
+impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
+    /// Prepares contacts of what they move for a step of `dt` (s) with a largest recovery velocity (m/s).
     pub fn new(
         contacts: &'a [UnilateralContact],
-        free: &'a Twist,
-        bodies: &'a Bodies<'a>,
+        moved: &'a M,
         (dt, recovery): (f64, f64),
         rows: &'a mut Rows<N>,
     ) -> Self {
         let contacts = &contacts[..contacts.len().min(MAX_UNILATERAL)];
-        let mut solver = Self { contacts, free, bodies, rows, pressed: [0.0; N], rubbed: [0.0; N], ready: 0 };
+        let mut solver = Self { contacts, moved, rows, pressed: [0.0; N], rubbed: [0.0; N], ready: 0 };
         for (index, contact) in contacts.iter().enumerate() {
             let UnilateralContact { normal, impulse, .. } = *contact;
-            let row = bodies.row(contact, normal);
-            let excess = contact.excess(free, dt, recovery);
+            let row = moved.row(index, contact, normal);
+            let excess = contact.excess(moved.free(index), dt, recovery);
             let stiffness = 1.0 / (COMPLIANCE * dot(&row, &row));
             let impulse_before = normal.dot(impulse);
             solver.rows.normals.push(Side { row, excess, stiffness }, impulse_before > 0.0);
@@ -156,8 +172,8 @@ impl<'a, const N: usize> Solver<'a, N> {
         self.ready |= 1 << index;
         let (first, second) = normal.any_orthonormal_pair();
         let axes = [first, second];
-        let rows = axes.map(|axis| self.bodies.row(&self.contacts[index], axis));
-        let over = self.free.velocity_at(arm) - velocity;
+        let rows = axes.map(|axis| self.moved.row(index, &self.contacts[index], axis));
+        let over = self.moved.free(index).velocity_at(arm) - velocity;
         let mobility = dot(&rows[0], &rows[0]).max(dot(&rows[1], &rows[1]));
         let impulse = [first.dot(impulse), second.dot(impulse)];
         add(&mut self.rubbed, impulse[0], &rows[0]);
@@ -173,8 +189,8 @@ impl<'a, const N: usize> Solver<'a, N> {
         });
     }
 
-    /// Finds the impulses. Returns the body's velocity with them, and whether they converged.
-    pub fn solve(&mut self) -> (Twist, bool) {
+    /// Finds the impulses. Returns y of all of them, and whether they converged.
+    pub fn solve(&mut self) -> (Vector<N>, bool) {
         let size = self.rows.normals.largest_excess().max(MIN_VELOCITY);
         let mut converged = self.push(size);
         let mut passes = 0;
@@ -189,18 +205,7 @@ impl<'a, const N: usize> Solver<'a, N> {
                 converged = false;
             }
         }
-        let felt = sum(&self.pressed, &self.rubbed);
-        let held: Six = std::array::from_fn(|index| felt[index]);
-        let mut moved = [0.0; 6];
-        for (moved, entries) in moved.iter_mut().zip(self.bodies.factor) {
-            *moved = dot(entries, &held);
-        }
-        let [vx, vy, vz, wx, wy, wz] = moved;
-        let twist = Twist {
-            linear: self.free.linear - DVec3::new(vx, vy, vz),
-            angular: self.free.angular - DVec3::new(wx, wy, wz),
-        };
-        (twist, converged)
+        (sum(&self.pressed, &self.rubbed), converged)
     }
 
     /// Finds the normal impulses for given friction. Returns whether the search ended.
@@ -230,13 +235,15 @@ impl<'a, const N: usize> Solver<'a, N> {
         add(&mut self.rubbed, -1.0, &self.pressed);
         change
     }
+}
 
+impl<const N: usize> Rows<N> {
     /// Writes the impulses back into the contacts.
-    pub fn store(rows: &Rows<N>, contacts: &mut [UnilateralContact]) {
+    pub fn store(&self, contacts: &mut [UnilateralContact]) {
         for (index, contact) in contacts.iter_mut().take(MAX_UNILATERAL).enumerate() {
-            contact.impulse = contact.normal * rows.normals.impulse(index);
+            contact.impulse = contact.normal * self.normals.impulse(index);
         }
-        for friction in &rows.rubbing {
+        for friction in &self.rubbing {
             let ([first, second], [s, t]) = (friction.axes, friction.impulse);
             contacts[usize::from(friction.contact)].impulse += first * s + second * t;
         }

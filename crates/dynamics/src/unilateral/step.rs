@@ -4,11 +4,13 @@ use arrayvec::ArrayVec;
 use glam::DVec3;
 use palpate_core::{Twist, Wrench};
 
-use super::pushed::{MAX_PUSHED, PushedBody};
-use super::solver::{Bodies, Rows, Solver};
+use super::pushed::{MAX_PUSHED, Pushed, PushedBody};
+use super::solver::{Rows, Single, Solver};
+use super::vector::{Vector, dot};
 use super::working_set::{MAX_EXCHANGES, choose, exchange, share};
-use super::{MotionBound, UnilateralContact};
+use super::{MAX_UNILATERAL, MotionBound, UnilateralContact};
 use crate::body::BodyState;
+use crate::coupling::VirtualCoupling;
 use crate::linear_solve::{inverse, inverse_definite};
 use crate::step::{Frame, Step, StepFailure, System};
 
@@ -60,20 +62,18 @@ pub fn constrained_step(
     let mut twist = Twist::new(state.twist.linear + change.linear, state.twist.angular + change.angular);
     let mut shortened = false;
     if !contacts.is_empty() {
-        let matrix = system.assemble(active).matrix;
-        let Some(mobility) = inverse_definite(matrix).or_else(|| inverse(matrix)) else {
+        let Some(factor) = mobility_factor(system.assemble(active).matrix) else {
             return Step::failed(state, StepFailure::Singular).into();
         };
-        let factor = cholesky(&symmetric(&mobility));
-        let recovery = (RECOVERY_FORCE / frame.coupling.linear_damping).min(MAX_RECOVERY);
-        let pushed = &pushed[..pushed.len().min(MAX_PUSHED)];
-        let bodies = Bodies::new(&factor, state.pose.translation, pushed);
+        let recovery = recovery(frame.coupling);
+        let pushed = Pushed::new(pushed, &*contacts);
+        let moved = Single { free: &twist, factor: &factor, center: state.pose.translation, pushed: &pushed };
         let solve = match pushed.len() {
             0 => solved::<6>,
             1 => solved::<12>,
             _ => solved::<{ 6 + 6 * MAX_PUSHED }>,
         };
-        let (held, share, converged) = solve(contacts, &twist, &bodies, (dt, recovery));
+        let (held, share, converged) = solve(contacts, &moved, (dt, recovery));
         status.unconverged = !converged;
         shortened = share < 1.0;
         twist = Twist::new(held.linear * share, held.angular * share);
@@ -90,32 +90,56 @@ pub fn constrained_step(
     ConstrainedStep { step, held_back: held_back || shortened }
 }
 
-/// Finds the impulses of contacts in a step of `dt` (s) with a largest recovery velocity (m/s), by the body's
-/// free velocity. Returns its velocity with them, the share of the step that passes no surface, and whether
-/// the impulses converged.
+/// Finds the impulses of contacts of a body in a step of `dt` (s) with a largest recovery velocity (m/s).
+/// Returns its velocity with them, the share of the step that passes no surface, and whether the impulses
+/// converged.
 fn solved<const N: usize>(
     contacts: &mut [UnilateralContact],
-    free: &Twist,
-    bodies: &Bodies<'_>,
+    moved: &Single<'_>,
     (dt, recovery): (f64, f64),
 ) -> (Twist, f64, bool) {
-    let passed = choose(contacts, free, (dt, recovery));
+    let passed = choose(contacts, MAX_UNILATERAL, moved.free, (dt, recovery));
     let mut exchanges = 0;
     loop {
         let mut rows = Rows::<N>::default();
-        let (held, converged) = Solver::new(contacts, free, bodies, (dt, recovery), &mut rows).solve();
-        Solver::store(&rows, contacts);
+        let (felt, converged) = Solver::new(contacts, moved, (dt, recovery), &mut rows).solve();
+        rows.store(contacts);
+        let [vx, vy, vz, wx, wy, wz] = changed(moved.factor, &felt);
+        let held = Twist {
+            linear: moved.free.linear - DVec3::new(vx, vy, vz),
+            angular: moved.free.angular - DVec3::new(wx, wy, wz),
+        };
         if exchanges == MAX_EXCHANGES || !exchange(contacts, &held, passed, (dt, recovery)) {
-            return (held, share(contacts, &held, passed, dt), converged);
+            return (held, share(contacts, MAX_UNILATERAL, &held, passed, dt), converged);
         }
         exchanges += 1;
     }
 }
 
+/// K y, for the first of the numbers y: what all impulses take off a tool's velocity.
+pub(crate) fn changed<const D: usize, const N: usize>(
+    factor: &[Vector<D>; D],
+    felt: &Vector<N>,
+) -> Vector<D> {
+    let own: Vector<D> = std::array::from_fn(|index| felt[index]);
+    std::array::from_fn(|row| dot(&factor[row], &own))
+}
+
+/// Largest speed at which a tool with a coupling recovers from an overlap, m/s.
+pub(crate) fn recovery(coupling: &VirtualCoupling) -> f64 {
+    (RECOVERY_FORCE / coupling.linear_damping).min(MAX_RECOVERY)
+}
+
+/// The lower factor K of the mobility, for a step's matrix; `None` if that is singular.
+pub(crate) fn mobility_factor<const D: usize>(matrix: [Vector<D>; D]) -> Option<[Vector<D>; D]> {
+    let mobility = inverse_definite(matrix).or_else(|| inverse(matrix))?;
+    Some(cholesky(&symmetric(&mobility)))
+}
+
 /// The symmetric part of a matrix. The inverse of a step's matrix is symmetric but for geometric stiffness;
 /// the search for impulses needs a form that is symmetric and positive definite, and overlaps contacts
 /// otherwise.
-fn symmetric(matrix: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
+fn symmetric<const D: usize>(matrix: &[Vector<D>; D]) -> [Vector<D>; D] {
     std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (matrix[i][j] + matrix[j][i])))
 }
 
@@ -124,9 +148,9 @@ fn symmetric(matrix: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
 const MIN_PIVOT: f64 = 1e-9;
 
 /// The lower factor K of a positive definite matrix K Kᵀ.
-fn cholesky(matrix: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
-    let mut lower = [[0.0; 6]; 6];
-    for row in 0..6 {
+fn cholesky<const D: usize>(matrix: &[Vector<D>; D]) -> [Vector<D>; D] {
+    let mut lower = [[0.0; D]; D];
+    for row in 0..D {
         for column in 0..=row {
             let left: f64 = (0..column).map(|k| lower[row][k] * lower[column][k]).sum();
             let entry = matrix[row][column] - left;
@@ -141,7 +165,7 @@ fn cholesky(matrix: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
 }
 
 /// Wrench of the contacts on the body, about its centre of mass.
-fn wrench(contacts: &[UnilateralContact], dt: f64) -> Wrench {
+pub(crate) fn wrench(contacts: &[UnilateralContact], dt: f64) -> Wrench {
     contacts.iter().fold(Wrench::ZERO, |sum, contact| {
         let force = contact.impulse / -dt;
         sum + Wrench { force, torque: contact.arm.cross(force) }

@@ -16,23 +16,31 @@ pub(super) const MAX_EXCHANGES: u32 = 4;
 const PASSED: (f64, f64) = (1e-6, 2.0 * COMPLIANCE);
 
 /// Splits off the contacts that are not solved for.
-fn split(contacts: &mut [UnilateralContact]) -> (&mut [UnilateralContact], &mut [UnilateralContact]) {
-    contacts.split_at_mut(contacts.len().min(MAX_UNILATERAL))
+fn split(
+    contacts: &mut [UnilateralContact],
+    most: usize,
+) -> (&mut [UnilateralContact], &mut [UnilateralContact]) {
+    contacts.split_at_mut(contacts.len().min(most))
 }
 
-/// Moves the contacts to solve for to the front, if not all of them can be: those that pushed in the last
+/// Moves the contacts to solve for, at most so many, to the front, if not all of them can be: those that pushed in the last
 /// step, and those that the free velocity passes most. The others do not push. Returns the approach with
 /// which one counts as passed, m/s.
-pub(super) fn choose(contacts: &mut [UnilateralContact], free: &Twist, (dt, recovery): (f64, f64)) -> f64 {
-    if contacts.len() <= MAX_UNILATERAL {
+pub(crate) fn choose(
+    contacts: &mut [UnilateralContact],
+    most: usize,
+    free: &Twist,
+    (dt, recovery): (f64, f64),
+) -> f64 {
+    if contacts.len() <= most {
         return PASSED.0;
     }
     let room = |contact: &UnilateralContact| {
         let pushed = contact.normal.dot(contact.impulse) > 0.0;
         if pushed { f64::NEG_INFINITY } else { -contact.excess(free, dt, recovery) }
     };
-    contacts.select_nth_unstable_by(MAX_UNILATERAL - 1, |a, b| room(a).total_cmp(&room(b)));
-    let (solved, others) = split(contacts);
+    contacts.select_nth_unstable_by(most - 1, |a, b| room(a).total_cmp(&room(b)));
+    let (solved, others) = split(contacts, most);
     for other in others {
         other.impulse = Default::default();
     }
@@ -48,7 +56,7 @@ pub(super) fn exchange(
     passed: f64,
     (dt, recovery): (f64, f64),
 ) -> bool {
-    let (solved, others) = split(contacts);
+    let (solved, others) = split(contacts, MAX_UNILATERAL);
     let mut spare = solved.iter_mut().filter(|contact| contact.normal.dot(contact.impulse) <= 0.0);
     let mut exchanged = false;
     for other in others.iter_mut().filter(|other| other.excess(held, dt, recovery) > passed) {
@@ -62,8 +70,14 @@ pub(super) fn exchange(
 
 /// Share of a step at which it reaches the first surface of those that are not solved for. Overlaps are left
 /// to the next step, which solves for them first.
-pub(super) fn share(contacts: &mut [UnilateralContact], held: &Twist, passed: f64, dt: f64) -> f64 {
-    split(contacts).1.iter().filter(|other| other.gap > 0.0).fold(1.0, |share: f64, other| {
+pub(crate) fn share(
+    contacts: &mut [UnilateralContact],
+    most: usize,
+    held: &Twist,
+    passed: f64,
+    dt: f64,
+) -> f64 {
+    split(contacts, most).1.iter().filter(|other| other.gap > 0.0).fold(1.0, |share: f64, other| {
         let excess = other.excess(held, dt, 0.0);
         if excess > passed { share.min(other.gap / (other.gap + dt * excess)) } else { share }
     })

@@ -95,10 +95,7 @@ impl BodyContacts {
 
     /// The penalty contacts and the unilateral ones of this step, and the objects that these push.
     pub fn contacts(&mut self) -> (&LinearContactModel, &mut [UnilateralContact], &[PushedBody]) {
-        let contacts = &mut self.contacts[self.now].contacts;
-        let objects = self.geometry.as_mut().map_or(&mut [][..], |geometry| &mut geometry.objects);
-        let pushed = self.pushed.touched(objects, contacts);
-        (self.blend.contacts(), contacts, pushed)
+        (self.blend.contacts(), &mut self.contacts[self.now].contacts, self.pushed.bodies())
     }
 
     /// Ends a step of `dt` (s) at a time (s): moves the objects that its contacts push, and adds their

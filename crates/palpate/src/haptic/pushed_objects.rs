@@ -3,11 +3,11 @@
 use arrayvec::ArrayVec;
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
-use palpate_dynamics::{HostState, MAX_PUSHED, PushedBody, UnilateralContact};
+use palpate_dynamics::{HostState, PushedBody, UnilateralContact};
 
 use super::joined::Joined;
 use super::reactions::ReactionFeed;
-use crate::contact::geometry::{ContactGeometry, MAX_OBJECTS, NearObject, PredictedMotion};
+use crate::contact::geometry::{ContactGeometry, MAX_OBJECTS, PredictedMotion};
 use crate::scene::SceneId;
 use crate::scene::moving::HandMotion;
 
@@ -139,36 +139,9 @@ impl PushedObjects {
         }
     }
 
-    /// Numbers the objects that contacts touch from the first on, for a step that moves only some of them.
-    /// Returns those.
-    pub fn touched(
-        &mut self,
-        objects: &mut [NearObject],
-        contacts: &mut [UnilateralContact],
-    ) -> &[PushedBody] {
-        let mut touched = 0;
-        for contact in 0..contacts.len() {
-            let Some(index) = contacts[contact].pushed else { continue };
-            if usize::from(index) < touched || touched == MAX_PUSHED {
-                continue;
-            }
-            let to = touched as u8;
-            if index != to {
-                self.bodies.swap(index.into(), to.into());
-                self.places.swap(index.into(), to.into());
-                let swap = |pushed: &mut Option<u8>| {
-                    *pushed = match *pushed {
-                        Some(one) if one == index => Some(to),
-                        Some(one) if one == to => Some(index),
-                        other => other,
-                    }
-                };
-                objects.iter_mut().for_each(|object| swap(&mut object.pushed));
-                contacts.iter_mut().for_each(|contact| swap(&mut contact.pushed));
-            }
-            touched += 1;
-        }
-        &self.bodies[..touched]
+    /// The objects, by the indices that contacts have.
+    pub fn bodies(&self) -> &[PushedBody] {
+        &self.bodies
     }
 
     /// Ends a step of `dt` (s) at a time (s), with contacts whose arms are from a centre of mass (m): pushes
