@@ -360,9 +360,8 @@ impl StepContacts {
             let known = pushed[index];
             contact.impulse = known.impulse;
             let along = known.impulse.dot(known.normal);
-            let slid =
-                (known.impulse - known.normal * along).length() >= MAX_STICKING * known.friction * along;
-            if along > 0.0 && slid {
+            let across = (known.impulse - known.normal * along).length_squared();
+            if along > 0.0 && across >= (MAX_STICKING * known.friction * along).powi(2) {
                 contact.friction = friction.dynamic_coefficient;
             }
         }
