@@ -129,19 +129,20 @@ pub(crate) fn inverse_definite<const N: usize>(mut matrix: [[f64; N]; N]) -> Opt
             return None;
         }
         let scale = 1.0 / pivot;
-        matrix[column][column] = 1.0;
-        for entry in &mut matrix[column] {
-            *entry *= scale;
-        }
-        let pivot_row = matrix[column];
+        // An entry that is written on its own is not soon read again as a part of a row: the processor waits.
+        let with = |row: &[f64; N], at_pivot: f64| {
+            let row = *row;
+            std::array::from_fn(move |j| if j == column { at_pivot } else { row[j] })
+        };
+        let pivot_row: [f64; N] = with(&matrix[column], 1.0).map(|entry: f64| entry * scale);
         for (row, entries) in matrix.iter_mut().enumerate() {
             if row == column {
+                *entries = pivot_row;
                 continue;
             }
-            let factor = std::mem::take(&mut entries[column]);
-            for (entry, above) in entries.iter_mut().zip(&pivot_row) {
-                *entry -= factor * above;
-            }
+            let factor = entries[column];
+            let own: [f64; N] = with(entries, 0.0);
+            *entries = std::array::from_fn(|j| own[j] - factor * pivot_row[j]);
         }
     }
     matrix.iter().flatten().all(|entry| entry.is_finite()).then_some(matrix)

@@ -70,6 +70,8 @@ struct Face {
     neighbours: [u32; 3],
     edges: [u32; 3],
     normal: DVec3,
+    /// Vectors across the edges and along the face, into it.
+    inward: [DVec3; 3],
 }
 
 /// A list for each vertex.
@@ -110,6 +112,12 @@ pub struct Leash {
     pub length: f32,
 }
 
+/// Whether a place leaves a vertex along a slope.
+#[inline(always)]
+fn is_down(slope: f64) -> bool {
+    slope < -MIN_SLOPE
+}
+
 impl Lists {
     /// Makes the lists of pairs (vertex, entry).
     fn new(vertices: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Self {
@@ -129,6 +137,7 @@ impl Lists {
         Self { starts, entries }
     }
 
+    #[inline(always)]
     fn range(&self, vertex: u32) -> Range<usize> {
         self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize
     }
@@ -156,7 +165,8 @@ impl FeatureMesh {
         for (index, &corners) in corners.iter().enumerate() {
             let [a, b, c] = mesh.corners(index);
             let normal = (b - a).cross(c - a).normalize_or_zero();
-            let mut face = Face { corners, neighbours: [NONE; 3], edges: [0; 3], normal };
+            let inward = [b - a, c - b, a - c].map(|edge| normal.cross(edge));
+            let mut face = Face { corners, neighbours: [NONE; 3], edges: [0; 3], normal, inward };
             for i in 0..3 {
                 let (from, to) = (corners[i], corners[(i + 1) % 3]);
                 match known.get(&[from.min(to), from.max(to)]) {
@@ -322,12 +332,12 @@ impl FeatureMesh {
 
     /// The foot of a point on a face that it is over and outside of; a walk from there would end there.
     #[inline(always)]
-    fn over(&self, p: DVec3, face: u32) -> Option<ClosestPoint> {
-        let normal = self.faces[face as usize].normal;
-        let [a, b, c] = self.corners(face);
-        let distance = normal.dot(p - a);
-        let is_within = |from: DVec3, to: DVec3| normal.cross(to - from).dot(p - from) > 0.0;
-        (distance >= 0.0 && is_within(a, b) && is_within(b, c) && is_within(c, a)).then(|| ClosestPoint {
+    pub fn over(&self, p: DVec3, face: u32) -> Option<ClosestPoint> {
+        let Face { normal, inward, .. } = self.faces[face as usize];
+        let off = self.corners(face).map(|corner| p - corner);
+        let distance = normal.dot(off[0]);
+        let is_within = |edge: usize| inward[edge].dot(off[edge]) > 0.0;
+        (distance >= 0.0 && is_within(0) && is_within(1) && is_within(2)).then(|| ClosestPoint {
             point: p - normal * distance,
             distance,
             normal,
@@ -430,6 +440,22 @@ impl FeatureMesh {
         }
     }
 
+    /// Whether a vertex is a local minimum, given the gradient of the distance from another surface there, in
+    /// this mesh's frame: [`Self::descend`] leads nowhere from it.
+    #[inline(always)]
+    pub fn is_lowest(&self, vertex: u32, normal: DVec3) -> bool {
+        !is_down(self.steepest(vertex, normal))
+    }
+
+    /// The least slope along the edges around a vertex, for a gradient there.
+    #[inline(always)]
+    fn steepest(&self, vertex: u32, normal: DVec3) -> f64 {
+        self.outgoing[self.edges_around.range(vertex)].iter().fold(f64::INFINITY, |steepest, outgoing| {
+            let slope = normal.dot(*outgoing);
+            if slope < steepest { slope } else { steepest }
+        })
+    }
+
     /// A place further down on the way to the one that is nearest to another surface, or `None` if this is a
     /// local minimum. `normal` is the gradient of the distance from the other surface at the place, in this
     /// mesh's frame; `stride` is the fraction of the way along an edge.
@@ -451,17 +477,14 @@ impl FeatureMesh {
                 self.across_a_face(edge, at, normal, leash)
             }
             Place::Vertex(vertex) => {
-                let around = self.edges_around.range(vertex);
-                let mut steepest = (-MIN_SLOPE, None);
-                for (&edge, outgoing) in
-                    self.edges_around.entries[around.clone()].iter().zip(&self.outgoing[around])
-                {
-                    let slope = normal.dot(*outgoing);
-                    if slope < steepest.0 {
-                        steepest = (slope, Some(edge));
-                    }
+                let steepest = self.steepest(vertex, normal);
+                if !is_down(steepest) {
+                    return None;
                 }
-                let edge = steepest.1?;
+                let around = self.edges_around.range(vertex);
+                let outgoing = &self.outgoing[around.clone()];
+                let index = outgoing.iter().position(|outgoing| normal.dot(*outgoing) == steepest)?;
+                let edge = self.edges_around.entries[around][index];
                 let is_first = self.edges[edge as usize][0] == vertex;
                 let (at, end) = if is_first { (0.0, 1.0) } else { (1.0, 0.0) };
                 let end = self.leashed(edge, end, leash);

@@ -22,6 +22,9 @@ const TAKE_OVER_ROUNDS: usize = 3;
 impl LinearContactModel {
     /// Lets contacts slide where friction does not hold them. Called with the state at the end of each step.
     pub fn settle(&mut self, state: &BodyState) {
+        if !self.has_friction() {
+            return;
+        }
         let rotation = DMat3::from_quat(state.pose.rotation);
         for constraint in self.constraints_mut().iter_mut().filter(|c| c.friction.is_some()) {
             constraint.settle(state, &rotation);
@@ -33,6 +36,9 @@ impl LinearContactModel {
     /// displacement, found by a 6×6 solve. The load that some cannot hold is passed to the others in a few
     /// rounds. So the contacts of a body at rest never creep, however often they are found again.
     pub fn take_over_friction(&mut self, other: &Self, state: &BodyState) {
+        if !self.has_friction() {
+            return;
+        }
         let rotation = DMat3::from_quat(state.pose.rotation);
         let wanted = other.springs(state, &rotation);
         let mut taking: ArrayVec<_, MAX_CONSTRAINTS> = self
@@ -58,6 +64,11 @@ impl LinearContactModel {
         for TransferredFriction { constraint, at, stretch, .. } in &mut taking {
             constraint.set_anchor(state, at, stretch);
         }
+    }
+
+    /// Whether any contact has friction. Where contacts are constraints, none of the model's has.
+    fn has_friction(&self) -> bool {
+        self.constraints().iter().any(|constraint| constraint.friction.is_some())
     }
 
     /// Wrench that the friction springs hold, about the centre of mass.

@@ -20,6 +20,9 @@ use crate::scene::moving::Pushable;
 /// distance between detailed surfaces are missed.
 pub(crate) const MAX_POINTS: usize = 768;
 
+/// Number of numbers that are compared at once.
+const LANES: usize = 8;
+
 /// Largest number of scene objects near the body.
 pub(crate) const MAX_OBJECTS: usize = 8;
 
@@ -104,8 +107,9 @@ pub(crate) struct StepContacts {
     pub contacts: ArrayVec<UnilateralContact, MAX_POINTS>,
     /// Whether these indices are those of the next step's points, too.
     is_known: bool,
-    /// Where their arms are along x when they are found, by which most are told apart, m.
-    along: ArrayVec<f64, MAX_POINTS>,
+    /// Where their arms are along x when they are found, by which most are told apart, m; infinite in the
+    /// lanes beyond the last.
+    along: ArrayVec<[f64; LANES], { MAX_POINTS.div_ceil(LANES) }>,
     /// Largest motion of any point of the body in the step that meets no other point, m.
     pub room: f64,
     /// Largest depth, m; 0 if nothing overlaps.
@@ -152,7 +156,7 @@ impl ContactGeometry {
                 continue;
             }
             let frames = Frames::new((probe, &mesh), (&object.surface, &object.pose));
-            for offset in near {
+            for &offset in &near {
                 let index = range.start + usize::from(offset);
                 let (Some(guarded), Some(slack)) =
                     (points.get_mut(index), values.get_mut(usize::from(offset)))
@@ -167,17 +171,20 @@ impl ContactGeometry {
                     continue;
                 }
                 found.depth = found.depth.max(-measured.distance);
-                let contact = UnilateralContact {
-                    arm: measured.point - state.pose.translation,
-                    normal: measured.normal,
+                let (arm, normal) = (measured.point - state.pose.translation, measured.normal);
+                if found.merge(arm, normal, gap) {
+                    continue;
+                }
+                found.push(UnilateralContact {
+                    arm,
+                    normal,
                     gap,
                     velocity: object.motion.twist.velocity_at(measured.point),
                     friction: friction.static_coefficient,
                     impulse: DVec3::ZERO,
                     pushed: object.pushed,
                     key: index as u16,
-                };
-                found.push(contact);
+                });
             }
         }
         found.take_over(before, friction);
@@ -277,7 +284,6 @@ impl NearObject {
 /// Takes a motion (m) off all slacks. Appends the indices of those within a reach (m), and returns the least
 /// of the others, m.
 fn pass(gone: f32, reach: f32, slacks: &mut [f32], near: &mut ArrayVec<u16, MAX_POINTS>) -> f32 {
-    const LANES: usize = 8;
     let mut least = [f32::INFINITY; LANES];
     for (chunk, slacks) in slacks.chunks_mut(LANES).enumerate() {
         let mut any = 0;
@@ -323,21 +329,38 @@ impl StepContacts {
         self.is_known = false;
     }
 
-    /// Adds a contact, unless it is one that is known.
-    fn push(&mut self, contact: UnilateralContact) {
-        let at = contact.arm.x;
-        for (known, _) in
-            self.contacts.iter_mut().zip(&self.along).filter(|(_, x)| (**x - at).abs() < SAME_PLACE)
-        {
-            if known.arm.distance_squared(contact.arm) < SAME_PLACE * SAME_PLACE
-                && known.normal.dot(contact.normal) > SAME_NORMAL
-            {
-                known.gap = known.gap.min(contact.gap);
-                return;
+    /// Merges a contact with one that is the same. Returns whether there is one.
+    #[inline(always)]
+    fn merge(&mut self, arm: DVec3, normal: DVec3, gap: f64) -> bool {
+        let is_near = |along: f64| (along - arm.x).abs() < SAME_PLACE;
+        for (along, contacts) in self.along.iter().zip(self.contacts.chunks_mut(LANES)) {
+            // Without branches, several are compared at once.
+            if !along.iter().fold(false, |any, along| any | is_near(*along)) {
+                continue;
+            }
+            for (known, _) in contacts.iter_mut().zip(along).filter(|(_, along)| is_near(**along)) {
+                if known.arm.distance_squared(arm) < SAME_PLACE * SAME_PLACE
+                    && known.normal.dot(normal) > SAME_NORMAL
+                {
+                    known.gap = known.gap.min(gap);
+                    return true;
+                }
             }
         }
+        false
+    }
+
+    /// Adds a contact.
+    #[inline(always)]
+    fn push(&mut self, contact: UnilateralContact) {
+        let lane = self.contacts.len() % LANES;
+        if lane == 0 {
+            self.along.push([f64::INFINITY; LANES]);
+        }
+        if let Some(block) = self.along.last_mut() {
+            block[lane] = contact.arm.x;
+        }
         self.contacts.push(contact);
-        self.along.push(at);
     }
 
     /// The contacts that push, as many as a step finds impulses for. Before a step, and after one that was
@@ -348,7 +371,8 @@ impl StepContacts {
 
     /// Takes over the impulses of the last step, and the lower coefficient of friction where a contact slid.
     fn take_over(&mut self, before: &Self, friction: &Friction) {
-        let pushed: ArrayVec<&UnilateralContact, MAX_UNILATERAL> = before.pushing().collect();
+        let mut pushed = ArrayVec::<&UnilateralContact, MAX_UNILATERAL>::new();
+        pushed.extend(before.pushing());
         // The order is mostly the same: the search goes on from the last one that was found.
         let mut next = 0;
         for contact in &mut self.contacts {
@@ -360,14 +384,16 @@ impl StepContacts {
                 let known = pushed[*index];
                 if before.is_known { known.key == contact.key } else { near(known) }
             };
-            let Some(index) = (next..pushed.len()).chain(0..next).find(is_same) else { continue };
+            let is_next = next < pushed.len() && is_same(&next);
+            let found = is_next.then_some(next);
+            let found = found.or_else(|| (next..pushed.len()).chain(0..next).find(is_same));
+            let Some(index) = found else { continue };
             next = index + 1;
             let known = pushed[index];
             contact.impulse = known.impulse;
             let along = known.impulse.dot(known.normal);
-            let slid =
-                (known.impulse - known.normal * along).length() >= MAX_STICKING * known.friction * along;
-            if along > 0.0 && slid {
+            let across = (known.impulse - known.normal * along).length_squared();
+            if along > 0.0 && across >= (MAX_STICKING * known.friction * along).powi(2) {
                 contact.friction = friction.dynamic_coefficient;
             }
         }

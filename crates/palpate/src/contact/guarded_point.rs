@@ -69,6 +69,14 @@ pub(crate) struct Frames<'a> {
     to_probe: DAffine3,
 }
 
+/// A point's own surface and the other one, with the transforms into their frames.
+struct Sides<'a> {
+    own: &'a FeatureMesh,
+    other: &'a FeatureMesh,
+    to_other: &'a DAffine3,
+    to_own: &'a DAffine3,
+}
+
 impl<'a> Frames<'a> {
     /// Two surfaces with the poses of their meshes' frames.
     pub fn new(probe: (&'a FeatureMesh, &Pose), object: (&'a FeatureMesh, &Pose)) -> Self {
@@ -86,16 +94,23 @@ impl<'a> Frames<'a> {
     pub fn own(&self, is_probe: bool) -> &'a FeatureMesh {
         if is_probe { self.probe.0 } else { self.object.0 }
     }
+
+    /// The two sides of a point on the body in the hand, or on the scene object.
+    #[inline(always)]
+    fn sides(&self, is_probe: bool) -> Sides<'_> {
+        let Self { probe, object, to_object, to_probe } = self;
+        if is_probe {
+            Sides { own: probe.0, other: object.0, to_other: to_object, to_own: to_probe }
+        } else {
+            Sides { own: object.0, other: probe.0, to_other: to_probe, to_own: to_object }
+        }
+    }
 }
 
 impl GuardedPoint {
     /// A point that starts at a place and stays within `length` (m) of there.
     pub fn new((place, length): (Place, f64), is_probe: bool, index: u8, frames: &Frames<'_>) -> Self {
-        let (own, other, to_other) = if is_probe {
-            (frames.probe.0, frames.object.0, &frames.to_object)
-        } else {
-            (frames.object.0, frames.probe.0, &frames.to_probe)
-        };
+        let Sides { own, other, to_other, .. } = frames.sides(is_probe);
         let home = own.position(&place);
         let face = other.nearest(to_other.transform_point3(home)).face;
         let leash = Leash { home: home.as_vec3(), length: length as f32 };
@@ -119,8 +134,19 @@ impl GuardedPoint {
     }
 
     /// Moves the point to where its surface is nearest to the other one, and measures it.
+    #[inline(always)]
     pub fn measure(&mut self, frames: &Frames<'_>) -> Measured {
+        if let Some((position, closest)) = self.at_rest(frames) {
+            return self.measured(frames, position, &closest);
+        }
         let (position, closest) = self.descend(frames, MAX_MOVES);
+        self.measured(frames, position, &closest)
+    }
+
+    /// The measurement of a point at a position in its own body's frame (m), given the point of the other
+    /// surface nearest to it, in that body's frame.
+    #[inline(always)]
+    fn measured(&self, frames: &Frames<'_>, position: DVec3, closest: &ClosestPoint) -> Measured {
         if self.is_probe {
             let outward = frames.object.1.transform_vector3(closest.normal);
             let point = frames.probe.1.transform_point3(position);
@@ -144,6 +170,17 @@ impl GuardedPoint {
         }
     }
 
+    /// What [`Self::descend`] finds at a corner that is the lowest place and over the face that was nearest,
+    /// as most points that touch are, in fewer instructions; `None` for any other point.
+    #[inline(always)]
+    fn at_rest(&self, frames: &Frames<'_>) -> Option<(DVec3, ClosestPoint)> {
+        let Place::Vertex(vertex) = self.place else { return None };
+        let Sides { own, other, to_other, to_own } = frames.sides(self.is_probe);
+        let position = own.position(&self.place);
+        let closest = other.over(to_other.transform_point3(position), self.face)?;
+        own.is_lowest(vertex, to_own.transform_vector3(closest.normal)).then_some((position, closest))
+    }
+
     /// Moves the point down, in at most so many moves. Returns its position in its own body's frame (m), and
     /// the point of the other surface nearest to it, in that body's frame.
     ///
@@ -151,12 +188,7 @@ impl GuardedPoint {
     /// seems to overlap, its distance is searched for in the whole surface; and since a distance falls by no
     /// more than the point has moved, a move on which it falls by more is not made.
     fn descend(&mut self, frames: &Frames<'_>, moves: u32) -> (DVec3, ClosestPoint) {
-        let Frames { probe, object, to_object, to_probe } = frames;
-        let (own, other, to_other, to_own) = if self.is_probe {
-            (probe.0, object.0, to_object, to_probe)
-        } else {
-            (object.0, probe.0, to_probe, to_object)
-        };
+        let Sides { own, other, to_other, to_own } = frames.sides(self.is_probe);
         let checked = |position: DVec3, found: ClosestPoint| {
             if found.distance > -DEEP {
                 return found;

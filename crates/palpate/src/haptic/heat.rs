@@ -17,16 +17,26 @@ pub(crate) struct Warmth([f64; 2]);
 impl Warmth {
     pub const COLD: Self = Self([0.0; 2]);
 
-    /// Advances by some seconds under a load, in continuous loads: τ ẇ = share load² − w for windings and
-    /// housing.
-    pub fn pass(&mut self, load: f64, seconds: f64) {
-        for (warmth, (share, time)) in self.0.iter_mut().zip(ACTUATOR_HEATING) {
-            *warmth += (share * load * load - *warmth) * -(-seconds / time).exp_m1();
+    /// Advances by a time under a load, in continuous loads: τ ẇ = share load² − w for windings and housing.
+    pub fn pass(&mut self, load: f64, time: &HeatingTime) {
+        for ((warmth, (share, _)), approach) in self.0.iter_mut().zip(ACTUATOR_HEATING).zip(time.0) {
+            *warmth += (share * load * load - *warmth) * approach;
         }
     }
 
     pub fn total(&self) -> f64 {
         self.0[0] + self.0[1]
+    }
+}
+
+/// A time in which actuators warm up or cool down: the shares of their ways to the steady state, of windings
+/// and housing. They are the same for all actuators, and take long to compute.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct HeatingTime([f64; 2]);
+
+impl HeatingTime {
+    pub fn new(seconds: f64) -> Self {
+        Self(ACTUATOR_HEATING.map(|(_, time)| -(-seconds / time).exp_m1()))
     }
 }
 
@@ -58,10 +68,10 @@ impl Heat {
         self.warmth.total() > DERATING_START
     }
 
-    /// Advances by some seconds with a load `held`, N or N·m.
-    pub fn pass(&mut self, held: f64, seconds: f64) {
+    /// Advances by a time with a load `held`, N or N·m.
+    pub fn pass(&mut self, held: f64, time: &HeatingTime) {
         if is_limited(self.continuous, self.peak) {
-            self.warmth.pass(held / self.continuous, seconds);
+            self.warmth.pass(held / self.continuous, time);
         }
     }
 }

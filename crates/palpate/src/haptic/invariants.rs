@@ -13,7 +13,7 @@ use palpate_device::{Axes, Specification};
 use palpate_dynamics::SlewLimit;
 use serde::Serialize;
 
-use crate::haptic::heat::{Warmth, is_limited};
+use crate::haptic::heat::{HeatingTime, Warmth, is_limited};
 use crate::haptic::presence::smooth;
 
 /// Fraction of the peak below which a wrench cannot drive a handle away from a hand.
@@ -275,9 +275,10 @@ impl Invariants {
 
         let limited = [(continuous.0, peak.0), (continuous.1, peak.1)];
         let held = [last.force.length(), last.torque.length()];
+        let time = HeatingTime::new(elapsed);
         for (index, (continuous, peak)) in limited.into_iter().enumerate() {
             if is_limited(continuous, peak) {
-                self.warmth[index].pass(held[index] / continuous, elapsed);
+                self.warmth[index].pass(held[index] / continuous, &time);
             }
         }
         self.note(Invariant::Heat, self.warmth[0].total().max(self.warmth[1].total()));

@@ -6,7 +6,7 @@ use palpate_core::glam::DVec3;
 use palpate_device::{Axes, Specification};
 use palpate_dynamics::{PassivityController, SlewLimit, saturate};
 
-use crate::haptic::heat::Heat;
+use crate::haptic::heat::{Heat, HeatingTime};
 use crate::haptic::invariants::{Bounds, HARMLESS_SHARE, Invariants, Moment, RUNAWAY_SPEED, energy_bound};
 use crate::haptic::tracking::Tracking;
 use crate::scene::placement::renders;
@@ -213,8 +213,9 @@ impl Output {
     fn hold(&mut self, sent: Wrench, tracking: &Tracking, at: &Moment) -> Wrench {
         self.invariants.check(&sent, tracking.displacement(), at);
         debug_assert!(self.invariants.broken() == 0, "{}", self.invariants);
-        self.heat[0].pass(self.sent.force.length(), at.elapsed);
-        self.heat[1].pass(self.sent.torque.length(), at.elapsed);
+        let time = HeatingTime::new(at.elapsed);
+        self.heat[0].pass(self.sent.force.length(), &time);
+        self.heat[1].pass(self.sent.torque.length(), &time);
         self.sent = sent;
         self.passivity.hold(&sent);
         self.account.hold(&sent);

@@ -95,7 +95,7 @@ fn a_point_follows_the_lowest_corner_of_a_turning_box() {
         let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
         (0..8).map(|i| pose.transform_point(corner(i) * 0.02)).min_by(|a, b| a.z.total_cmp(&b.z))
     };
-    let mut changes = 0;
+    let (mut changes, mut rests) = (0, 0);
     for round in 0..100 {
         let axis = random(&mut rng).normalize();
         let turned = |angle: f64| {
@@ -110,7 +110,17 @@ fn a_point_follows_the_lowest_corner_of_a_turning_box() {
         // At 2 rad/s for a radian, in steps of 1 ms.
         for step in 0..=500 {
             let pose = turned(f64::from(step) * 2e-3);
-            let found = point.measure(&Frames::new((&cube, &pose), (&plate, &at)));
+            let frames = Frames::new((&cube, &pose), (&plate, &at));
+            // At rest it is measured as by a descent.
+            if let Some((position, closest)) = point.at_rest(&frames) {
+                let mut same = point;
+                let (wanted, by_descent) = same.descend(&frames, MAX_MOVES);
+                let parts = |found: &ClosestPoint| (found.point, found.distance, found.normal, found.face);
+                assert_eq!((position, parts(&closest)), (wanted, parts(&by_descent)), "{round}, {step}");
+                assert_eq!((same.place, same.face, same.stride), (point.place, point.face, point.stride));
+                rests += 1;
+            }
+            let found = point.measure(&frames);
             let lowest = corners(&pose).expect("corners");
             let now = pose.inverse().transform_point(lowest);
             changes += u32::from(now.distance(place) > 1e-3);
@@ -122,6 +132,7 @@ fn a_point_follows_the_lowest_corner_of_a_turning_box() {
         }
     }
     assert!(changes > 30, "the lowest corner changes {changes} times");
+    assert!(rests > 1000, "the point rests in {rests} steps");
 }
 
 /// A corner of the scene's object below a face of the probe is found from either side, with the same normal.
