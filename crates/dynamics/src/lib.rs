@@ -71,8 +71,9 @@ mod system;
 mod unilateral;
 
 pub use articulated::{
-    ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, GripperCoupling, GripperMotion,
-    Joint, JointError, JointLimits, MAX_ARTICULATED_SOLVES, articulated_step,
+    ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, ConstrainedToolStep,
+    GripperCoupling, GripperMotion, Joint, JointError, JointLimits, MAX_ARTICULATED_SOLVES, articulated_step,
+    constrained_articulated_step,
 };
 pub use blend::ContactBlend;
 pub use body::{Body, BodyError, BodyState};

@@ -12,7 +12,7 @@ use crate::system::{Linear, six};
 pub(super) type Columns = [[f64; 7]; 6];
 
 /// A tool's velocities (V, ω, q̇) or their changes.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub(super) struct Motion {
     pub linear: DVec3,
     pub angular: DVec3,
@@ -20,6 +20,15 @@ pub(super) struct Motion {
 }
 
 impl Motion {
+    /// The sum with a multiple of another one.
+    pub fn plus(&self, other: &Self, share: f64) -> Self {
+        Self {
+            linear: self.linear + other.linear * share,
+            angular: self.angular + other.angular * share,
+            rate: self.rate + other.rate * share,
+        }
+    }
+
     pub fn from_array([vx, vy, vz, wx, wy, wz, rate]: [f64; 7]) -> Self {
         Self { linear: DVec3::new(vx, vy, vz), angular: DVec3::new(wx, wy, wz), rate }
     }

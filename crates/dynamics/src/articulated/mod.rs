@@ -18,6 +18,7 @@
 //! with V the velocity of the tool's centre of mass. In (V, ω, q̇) the linear momentum depends on V alone,
 //! which makes its conservation exact ([`articulated_step`]).
 
+mod constrained;
 mod coordinates;
 mod gripper;
 mod inertia;
@@ -32,6 +33,7 @@ use crate::body::{Body, BodyState};
 use inertia::CompositeInertia;
 use linkage::Linkage;
 
+pub use constrained::{ConstrainedToolStep, constrained_articulated_step};
 pub use gripper::{GripperCoupling, GripperMotion};
 pub use step::{ArticulatedFrame, ArticulatedStep, articulated_step};
 pub use tool_system::MAX_ARTICULATED_SOLVES;

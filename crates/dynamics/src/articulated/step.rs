@@ -42,7 +42,7 @@ use palpate_core::{Pose, Wrench};
 
 use super::tool_system::{ToolSystem, stop_torque};
 use super::{ArticulatedBody, ArticulatedState, GripperCoupling, GripperMotion};
-use crate::body::Body;
+use crate::body::{Body, BodyState};
 use crate::contact::LinearContactModel;
 use crate::coupling::{DeviceMotion, VirtualCoupling};
 use crate::step::{Frame, StepFailure, StepStatus, System};
@@ -101,6 +101,22 @@ pub fn articulated_step(frame: &ArticulatedFrame<'_>, state: &ArticulatedState, 
     if let Some(refused) = frame.refused(state, dt) {
         return refused;
     }
+    with_system(frame, state, dt, |system, _| {
+        let Some((change, active, status)) = system.solve() else {
+            return ArticulatedStep::failed(state, StepFailure::Singular);
+        };
+        let next = system.moved(frame.tool, state, &change);
+        frame.ended(state, &next, active.bodies, status)
+    })
+}
+
+/// Makes the system of a step of `dt` (s) and the states of the two bodies, and takes the step with them.
+pub(super) fn with_system<R>(
+    frame: &ArticulatedFrame<'_>,
+    state: &ArticulatedState,
+    dt: f64,
+    step: impl FnOnce(&mut ToolSystem<'_>, &[BodyState; 2]) -> R,
+) -> R {
     let ArticulatedFrame { tool, device, coupling, contacts, .. } = *frame;
     let bodies = [state.first, tool.second(state)];
     // The bodies' inertia is in the tool's equations, so their own systems have only the loads.
@@ -122,16 +138,12 @@ pub fn articulated_step(frame: &ArticulatedFrame<'_>, state: &ArticulatedState, 
     let systems =
         [System::new(&first, &bodies[0], dt, of_first), System::new(&second, &bodies[1], dt, of_second)];
     let mut system = ToolSystem::new(frame, state, &bodies, systems, dt);
-    let Some((change, active, status)) = system.solve() else {
-        return ArticulatedStep::failed(state, StepFailure::Singular);
-    };
-    let next = system.moved(tool, state, &change);
-    frame.ended(state, &next, active.bodies, status)
+    step(&mut system, &bodies)
 }
 
 impl ArticulatedFrame<'_> {
     /// Returns the failed step for unusable inputs, or `None` if they are usable.
-    fn refused(&self, state: &ArticulatedState, dt: f64) -> Option<ArticulatedStep> {
+    pub(super) fn refused(&self, state: &ArticulatedState, dt: f64) -> Option<ArticulatedStep> {
         if !state.is_valid() {
             let relaxed = self.coupling.relaxed_pose(&self.device.pose);
             let pose = if relaxed.is_valid() { relaxed } else { Pose::IDENTITY };
@@ -154,7 +166,7 @@ impl ArticulatedFrame<'_> {
 
     /// Makes the step from `start` to `next` with the wrenches at `next`, or a failed one if they are not
     /// finite.
-    fn ended(
+    pub(super) fn ended(
         &self,
         start: &ArticulatedState,
         next: &ArticulatedState,
@@ -188,7 +200,7 @@ impl ArticulatedFrame<'_> {
 }
 
 impl ArticulatedStep {
-    fn failed(state: &ArticulatedState, why: StepFailure) -> Self {
+    pub(super) fn failed(state: &ArticulatedState, why: StepFailure) -> Self {
         Self {
             state: *state,
             coupling: Wrench::ZERO,

@@ -131,6 +131,26 @@ impl<'a> ToolSystem<'a> {
         }
     }
 
+    /// Motion at the start of the step.
+    pub fn start(&self) -> &Motion {
+        &self.start
+    }
+
+    pub fn followers(&self) -> &[Follower; 2] {
+        &self.followers
+    }
+
+    /// Twists of the two bodies with a motion of the tool.
+    pub fn twists(&self, motion: &Motion) -> [Twist; 2] {
+        let [first, second] = &self.followers;
+        [first.follow(motion), second.follow(motion)]
+    }
+
+    /// Matrix of the system with the contacts and stops of a set.
+    pub fn matrix(&self, active: Active) -> [[f64; 7]; 7] {
+        self.assemble(active).matrix
+    }
+
     fn geometric(&self) -> bool {
         self.systems[0].geometric
     }

@@ -46,6 +46,15 @@ mod tests;
 mod vector;
 mod working_set;
 
+/// What the steps of all tools share.
+pub(crate) mod tool {
+    pub(crate) use super::pushed::Pushed;
+    pub(crate) use super::solver::{Moved, Rows, Solver, push_row, scaled};
+    pub(crate) use super::step::{allowed, changed, mobility_factor, recovery, wrench};
+    pub(crate) use super::vector::Vector;
+    pub(crate) use super::working_set::{choose, share};
+}
+
 use glam::DVec3;
 use palpate_core::{Pose, Twist};
 

@@ -2,7 +2,7 @@
 
 use arrayvec::ArrayVec;
 use glam::DVec3;
-use palpate_core::{Twist, Wrench};
+use palpate_core::{Pose, Twist, Wrench};
 
 use super::pushed::{MAX_PUSHED, Pushed, PushedBody};
 use super::solver::{Rows, Single, Solver};
@@ -78,7 +78,11 @@ pub fn constrained_step(
         shortened = share < 1.0;
         twist = Twist::new(held.linear * share, held.angular * share);
     }
-    let (twist, held_back) = within(bound, state, &twist, dt);
+    let within = allowed(bound, (&state.pose, &state.pose.moved(&twist, dt)), &twist, dt);
+    let held_back = within < 1.0;
+    if held_back {
+        twist = Twist::new(twist.linear * within, twist.angular * within);
+    }
     let next = BodyState { pose: state.pose.moved(&twist, dt), twist };
     let mut step = frame.ended(state, &next, active, status);
     step.contact += wrench(contacts, dt);
@@ -172,16 +176,14 @@ pub(crate) fn wrench(contacts: &[UnilateralContact], dt: f64) -> Wrench {
     })
 }
 
-/// Shortens a motion with a twist to stay within a bound.
-fn within(bound: &MotionBound, state: &BodyState, twist: &Twist, dt: f64) -> (Twist, bool) {
+/// The share of a step of `dt` (s) with a twist, from one pose to another, that stays within a bound.
+pub(crate) fn allowed(bound: &MotionBound, (from, to): (&Pose, &Pose), twist: &Twist, dt: f64) -> f64 {
     let length = dt * (twist.linear.length() + twist.angular.length() * bound.radius);
-    let is_near = bound.displacement(&state.pose.moved(twist, dt)) <= bound.room;
+    let is_near = bound.displacement(to) <= bound.room;
     if is_near && length <= bound.step {
-        return (*twist, false);
+        return 1.0;
     }
     // Displacements add up to no more than their sum.
-    let room =
-        if is_near { bound.step } else { bound.step.min(bound.room - bound.displacement(&state.pose)) };
-    let share = (room / length).clamp(0.0, 1.0);
-    (Twist::new(twist.linear * share, twist.angular * share), true)
+    let room = if is_near { bound.step } else { bound.step.min(bound.room - bound.displacement(from)) };
+    (room / length).clamp(0.0, 1.0)
 }

@@ -1,6 +1,6 @@
 //! Vectors of N numbers: of twists or momenta of one or several bodies.
 
-pub(super) type Vector<const N: usize> = [f64; N];
+pub(crate) type Vector<const N: usize> = [f64; N];
 pub(super) type Six = Vector<6>;
 
 #[inline(always)]

@@ -6,10 +6,11 @@
 use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose, Twist, Wrench};
 use palpate_dynamics::{
-    ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, Body, BodyState, ContactParameters,
-    DeviceMotion, Friction, GripperCoupling, GripperMotion, Joint, JointLimits, LinearContactModel,
-    MAX_ARTICULATED_SOLVES, PlaneConstraint, StepFailure, VirtualCoupling, articulated_step,
-    semi_implicit_step,
+    ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, Body, BodyState,
+    ConstrainedToolStep, ContactParameters, DeviceMotion, Frame, Friction, GripperCoupling, GripperMotion,
+    Joint, JointLimits, LinearContactModel, MAX_ARTICULATED_SOLVES, MotionBound, PlaneConstraint,
+    StepFailure, UnilateralContact, VirtualCoupling, articulated_step, constrained_articulated_step,
+    constrained_step, semi_implicit_step,
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
@@ -85,8 +86,8 @@ impl Scene {
         }
     }
 
-    fn step(&self, state: &ArticulatedState, dt: f64) -> ArticulatedStep {
-        let frame = ArticulatedFrame {
+    fn frame(&self) -> ArticulatedFrame<'_> {
+        ArticulatedFrame {
             tool: &self.tool,
             device: &self.device,
             coupling: &self.coupling,
@@ -94,8 +95,11 @@ impl Scene {
             grip: &self.grip,
             contacts: [&self.contacts[0], &self.contacts[1]],
             gravity: self.gravity,
-        };
-        articulated_step(&frame, state, dt)
+        }
+    }
+
+    fn step(&self, state: &ArticulatedState, dt: f64) -> ArticulatedStep {
+        articulated_step(&self.frame(), state, dt)
     }
 }
 
@@ -843,4 +847,136 @@ fn unusable_inputs_are_refused() {
     }
     println!("{taken} steps taken of {cases}");
     assert!(taken > 1000 && cases - taken > 1000);
+}
+
+/// Unilateral contacts of a body at a pose, with gaps that a step may close, and overlaps.
+fn random_unilateral(rng: &mut StdRng, count: usize, friction: f64) -> Vec<UnilateralContact> {
+    let random = |rng: &mut StdRng| UnilateralContact {
+        arm: random_vector(rng, 0.03),
+        normal: random_vector(rng, 1.0).normalize(),
+        gap: rng.random_range(-2e-5..1e-4),
+        velocity: random_vector(rng, 0.02),
+        friction,
+        impulse: DVec3::ZERO,
+        pushed: None,
+        key: 0,
+    };
+    (0..count).map(|_| random(rng)).collect()
+}
+
+const NO_BOUNDS: [MotionBound; 2] = [MotionBound::NONE; 2];
+
+/// A tool whose hinge is held moves as one body does under the same unilateral contacts.
+#[test]
+fn with_its_hinge_held_a_tool_meets_surfaces_as_one_body() {
+    let seed = 131;
+    let mut rng = StdRng::seed_from_u64(seed);
+    let mut pushing = 0;
+    for case in 0..200 {
+        let tool = random_tool(&mut rng, 0.05, FREE);
+        let state = ArticulatedState { rate: 0.0, ..random_state(&mut rng, 0.1, 2.0) };
+        let (body, centre) = tool.composite(state.angle);
+        let mut scene = Scene::free(tool);
+        let grasp = random_pose(&mut rng, 0.05);
+        let about_centre = Pose::new(grasp.translation - centre, grasp.rotation);
+        let one = VirtualCoupling::critically_damped(&body, about_centre, 300.0, 0.5);
+        scene.coupling = VirtualCoupling { grasp, ..one };
+        let displaced = Twist::new(random_vector(&mut rng, 0.01), random_vector(&mut rng, 0.4));
+        scene.device = DeviceMotion::at_rest((state.first.pose * grasp).moved(&displaced, 1.0));
+        scene.grip = GripperCoupling { stiffness: 1e9, damping: 1e7, max_torque: f64::INFINITY };
+        scene.gripper = GripperMotion::at_rest(state.angle);
+        let friction = [0.0, 0.3][case % 2];
+        let arm = state.first.pose.transform_vector(centre);
+        let whole = BodyState {
+            pose: Pose::new(state.first.pose.translation + arm, state.first.pose.rotation),
+            twist: Twist { linear: state.first.twist.velocity_at(arm), ..state.first.twist },
+        };
+        let [mut first, mut second] = [0, 1].map(|_| random_unilateral(&mut rng, 4, friction));
+        let from_centre = |center: DVec3| {
+            move |contact: &UnilateralContact| UnilateralContact {
+                arm: contact.arm + center - whole.pose.translation,
+                ..*contact
+            }
+        };
+        let centers = [state.first.pose.translation, tool.second(&state).pose.translation];
+        let mut all: Vec<_> = first.iter().map(from_centre(centers[0])).collect();
+        all.extend(second.iter().map(from_centre(centers[1])));
+        let found = constrained_articulated_step(
+            &scene.frame(),
+            &state,
+            [&mut first, &mut second],
+            &[],
+            &NO_BOUNDS,
+            STEP,
+        );
+        let contacts = no_contacts();
+        let frame = Frame {
+            body: &body,
+            device: &scene.device,
+            coupling: &one,
+            contacts: &contacts,
+            gravity: DVec3::ZERO,
+        };
+        let single = constrained_step(&frame, &whole, &mut all, &[], &MotionBound::NONE, STEP);
+        let (found, single) = (found.step, single.step);
+        assert!(found.status.failure.is_none() && single.status.failure.is_none());
+        let here = found.state.first.twist.velocity_at(found.state.first.pose.transform_vector(centre));
+        let size = single.state.twist.linear.length() + 0.03 * single.state.twist.angular.length();
+        let off = here.distance(single.state.twist.linear)
+            + 0.03 * found.state.first.twist.angular.distance(single.state.twist.angular);
+        assert!(off < 2e-3 * size, "seed {seed}, case {case}: off by {off} of {size} m/s");
+        pushing += all.iter().filter(|contact| contact.impulse != DVec3::ZERO).count();
+    }
+    assert!(pushing > 300, "{pushing} contacts push");
+}
+
+/// Two blades close on a plate that stands still: no contact is passed, in any step, and the hinge holds.
+#[test]
+fn blades_that_close_do_not_pass() {
+    let limits = JointLimits { low: -1.0, high: 1.0, stiffness: 10.0 };
+    let tool = light_forceps(limits);
+    let mut scene = Scene::free(tool);
+    scene.coupling = VirtualCoupling::critically_damped(&tool.first, Pose::IDENTITY, 500.0, 0.5);
+    scene.grip = GripperCoupling::critically_damped(&tool, 0.5);
+    let mut state = ArticulatedState { first: BodyState::default(), angle: 0.2, rate: 0.0 };
+    scene.device = DeviceMotion::at_rest(state.first.pose);
+    scene.gripper = GripperMotion::at_rest(-0.3);
+    // A surface in the way of a point of each body, in the direction in which it moves with the hinge.
+    let axis = tool.joint.in_first.rotation * DVec3::Z;
+    let hinge = tool.joint.in_first.translation;
+    let start = tool.second(&state);
+    let tip = start.pose.translation;
+    let along = -axis.cross(tip - hinge).normalize();
+    let surface = tip + along * 1e-3;
+    let (mut impulse, mut deepest, mut force) = (DVec3::ZERO, f64::INFINITY, 0.0);
+    for _ in 0..1000 {
+        let second = tool.second(&state).pose.translation;
+        let mut contacts = [UnilateralContact {
+            arm: DVec3::ZERO,
+            normal: along,
+            gap: (surface - second).dot(along),
+            velocity: DVec3::ZERO,
+            friction: 0.0,
+            impulse,
+            pushed: None,
+            key: 0,
+        }];
+        let ConstrainedToolStep { step, .. } = constrained_articulated_step(
+            &scene.frame(),
+            &state,
+            [&mut [], &mut contacts],
+            &[],
+            &NO_BOUNDS,
+            STEP,
+        );
+        assert!(step.status.failure.is_none());
+        (state, impulse) = (step.state, contacts[0].impulse);
+        deepest = deepest.min((surface - tool.second(&state).pose.translation).dot(along));
+        force = step.contacts[1].force.length();
+    }
+    // Twice what was found: within a step a blade moves on an arc.
+    assert!(deepest > -2e-5, "{deepest} m");
+    let lever = axis.cross(tool.second(&state).pose.translation - hinge).length();
+    let torque = scene.grip.torque(&state, &scene.gripper).abs();
+    assert!((force * lever - torque).abs() < 0.01 * torque, "{force} N at {lever} m, and {torque} N·m");
 }

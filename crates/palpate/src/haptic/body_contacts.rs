@@ -3,14 +3,12 @@
 
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
-use palpate_dynamics::{
-    BodyState, ContactBlend, LinearContactModel, MotionBound, PushedBody, UnilateralContact,
-};
+use palpate_dynamics::{BodyState, ContactBlend, LinearContactModel, MotionBound, UnilateralContact};
 
 use super::joined::Joined;
 use super::pushed_objects::PushedObjects;
 use super::reactions::ReactionFeed;
-use crate::contact::geometry::{ContactGeometry, PredictedMotion, Slacks, StepContacts, StepMotion};
+use crate::contact::geometry::{ContactGeometry, Slacks, StepContacts, StepMotion};
 use crate::contact::monitor::{ConstraintForces, ContactForce};
 use crate::telemetry::record::ModelData;
 
@@ -34,8 +32,6 @@ pub(super) struct BodyContacts {
     contacts: [StepContacts; 2],
     /// Which are those of this step.
     now: usize,
-    /// Scene objects that contacts push.
-    pushed: PushedObjects,
     /// Centre of mass from which the contacts' arms are, m.
     center: DVec3,
     /// Data of the newest contact model, with the constraints of this step.
@@ -57,7 +53,6 @@ impl BodyContacts {
             slacks: Slacks::default(),
             contacts: Default::default(),
             now: 0,
-            pushed: PushedObjects::default(),
             center: pose.translation,
             found: ModelData::none(pose),
             penalties: (0.0, 0),
@@ -66,9 +61,15 @@ impl BodyContacts {
         }
     }
 
-    /// Finds the unilateral contacts that a step of `dt` (s) from a state may reach, also with the objects in
-    /// other hands. Returns the bound on its motion.
-    pub fn find(&mut self, state: &BodyState, dt: f64, joined: &[Joined]) -> MotionBound {
+    /// Finds the unilateral contacts that a step of `dt` (s) from a state may reach, with scene objects that
+    /// contacts push and those in other hands. Returns the bound on its motion.
+    pub fn find(
+        &mut self,
+        state: &BodyState,
+        dt: f64,
+        pushed: &PushedObjects,
+        joined: &[Joined],
+    ) -> MotionBound {
         self.now = 1 - self.now;
         let [first, second] = &mut self.contacts;
         let (found, before) = if self.now == 0 { (first, second) } else { (second, first) };
@@ -77,12 +78,11 @@ impl BodyContacts {
             return MotionBound::NONE;
         };
         self.center = state.pose.translation;
+        pushed.move_objects(geometry);
         geometry.advance(dt);
-        self.pushed.listen(joined);
-        for other in joined.iter().filter(|other| !self.pushed.moves(other.id)) {
+        for other in joined.iter().filter(|other| !pushed.moves(other.id)) {
             geometry.bound.room -= other.moved;
         }
-        self.pushed.begin(geometry, dt);
         let speed = state.twist.linear.length() + state.twist.angular.length() * self.radius;
         let moved = dt * speed;
         let motion = StepMotion { moved, reach: MIN_REACH + REACH * moved };
@@ -93,22 +93,16 @@ impl BodyContacts {
         MotionBound { step: found.room, ..geometry.bound }
     }
 
-    /// The penalty contacts and the unilateral ones of this step, and the objects that these push.
-    pub fn contacts(&mut self) -> (&LinearContactModel, &mut [UnilateralContact], &[PushedBody]) {
-        (self.blend.contacts(), &mut self.contacts[self.now].contacts, self.pushed.bodies())
+    /// The penalty contacts and the unilateral ones of this step.
+    pub fn contacts(&mut self) -> (&LinearContactModel, &mut [UnilateralContact]) {
+        (self.blend.contacts(), &mut self.contacts[self.now].contacts)
     }
 
-    /// Ends a step of `dt` (s) at a time (s): moves the objects that its contacts push, and adds their
-    /// impulses to a feed. Returns the number of objects for which it had no room.
-    pub fn end(&mut self, (dt, time): (f64, f64), reacting: &mut ReactionFeed) -> u64 {
-        let Some(geometry) = &mut self.geometry else { return 0 };
-        let contacts = (&*self.contacts[self.now].contacts, self.center);
-        self.pushed.end(geometry, contacts, (dt, time), reacting)
-    }
-
-    /// Writes the motion of the objects that contacts push.
-    pub fn write_predicted(&self, to: &mut PredictedMotion) {
-        self.pushed.write(to);
+    /// Pushes scene objects by the impulses of this step, and adds these to a feed. Returns the number of
+    /// objects for which it had no room.
+    pub fn push(&self, pushed: &mut PushedObjects, reacting: &mut ReactionFeed) -> u64 {
+        let Some(geometry) = &self.geometry else { return 0 };
+        pushed.push(&geometry.objects, &self.contacts[self.now].contacts, self.center, reacting)
     }
 
     /// Writes the forces of the last step's constraints on the body: the step of `dt` (s) ended at a state.
@@ -121,26 +115,26 @@ impl BodyContacts {
         }
     }
 
-    /// Takes over contact geometry that was found with the body elsewhere.
+    /// Takes over contact geometry that was found with the body elsewhere, an `age` (s) ago. `body` is its
+    /// number.
     pub fn take(
         &mut self,
-        geometry: Option<&ContactGeometry>,
-        state: &BodyState,
-        age: f64,
+        (body, geometry): (usize, Option<&ContactGeometry>),
+        (state, age): (&BodyState, f64),
+        pushed: &mut PushedObjects,
         joined: &[Joined],
     ) {
         let Some(found) = geometry else {
             self.geometry = None;
-            self.pushed.clear();
             return;
         };
         // Keys of points change from one geometry to the next.
         self.contacts[self.now].forget();
         let known = self.geometry.get_or_insert_with(|| found.clone());
         known.assign(found, &mut self.slacks);
-        self.pushed.take(known);
+        pushed.take(body, known);
         known.advance(age);
-        for other in joined.iter().filter(|other| !self.pushed.moves(other.id)) {
+        for other in joined.iter().filter(|other| !pushed.moves(other.id)) {
             known.bound.room -= other.speed() * age;
         }
         known.shift(&mut self.slacks, known.bound.displacement(&state.pose) as f32, age);

@@ -35,6 +35,7 @@ use self::joined::Joined;
 use self::output::Output;
 use self::outputs::Outputs;
 use self::presence::Presence;
+use self::pushed_objects::PushedObjects;
 use self::reactions::Reactions;
 use self::tracking::{Reading, Tracking};
 use self::workspace::{Workspace, motion_at};
@@ -75,6 +76,8 @@ pub struct HapticLoop<T: Tool = Rigid> {
     /// Number of failed steps in a row.
     failed_steps: u32,
     bodies: Box<[BodyContacts]>,
+    /// Scene objects that contacts push.
+    pushed: Box<PushedObjects>,
     outputs: Outputs,
     /// Ramp of the coupling to newly set gains.
     tuning: Option<Ramp<VirtualCoupling>>,
@@ -153,6 +156,7 @@ impl<T: Tool> HapticLoop<T> {
             max_step: (MAX_STEP.0 * period).max(MAX_STEP.1),
             failed_steps: 0,
             bodies: bodies.collect(),
+            pushed: Box::default(),
             outputs: Outputs::default(),
             tuning: None,
             started: f64::NAN,
@@ -217,7 +221,7 @@ impl<T: Tool> HapticLoop<T> {
         let age = self.now - time;
         known.blend.arrive(model, &state, age, duration);
         let age = if age > 0.0 { age } else { 0.0 };
-        known.take(geometry.as_ref(), &state, age, &self.outputs.joined);
+        known.take((body, geometry.as_ref()), (&state, age), &mut self.pushed, &self.outputs.joined);
         known.found = ModelData { time, pose: *model.pose(), depth, contacts };
         known.penalties = (depth, contacts);
     }
@@ -327,26 +331,29 @@ impl<T: Tool> HapticLoop<T> {
             self.tool.push(linear, angular);
         }
         self.outputs.joined.iter_mut().for_each(Joined::update);
+        self.pushed.listen(&self.outputs.joined);
+        self.pushed.begin(dt);
         let before = self.tool.body_state(0).twist;
         let mut loads = ArrayVec::<BodyLoads<'_>, 2>::new();
         for (index, body) in self.bodies.iter_mut().enumerate().take(2) {
             let state = self.tool.body_state(index);
             body.blend.advance(&state, dt);
-            let bound = body.find(&state, dt, &self.outputs.joined);
+            let bound = body.find(&state, dt, &self.pushed, &self.outputs.joined);
             let constrained = body.geometry.is_some();
-            let (model, unilateral, pushed) = body.contacts();
-            loads.push(BodyLoads { model, constrained, unilateral, pushed, bound });
+            let (model, unilateral) = body.contacts();
+            loads.push(BodyLoads { model, constrained, unilateral, bound });
         }
-        let mut step = self.tool.step(hand, &mut loads, dt);
+        let mut step = self.tool.step(hand, &mut loads, self.pushed.bodies(), dt);
         drop(loads);
         self.outputs.other_hands.observe(&before, &self.tool.body_state(0).twist, dt);
         if let Some((linear, angular)) = other_hands.filter(|_| dt > 0.0) {
             step.contacts[0] += Wrench { force: linear / dt, torque: angular / dt };
         }
-        for body in &mut self.bodies {
-            let lost = body.end((dt, self.now), &mut self.outputs.reacting);
+        for body in &self.bodies {
+            let lost = body.push(&mut self.pushed, &mut self.outputs.reacting);
             self.telemetry.events.reaction_dropped += lost;
         }
+        self.pushed.end(dt, self.now);
         let contacts = self.contacts();
         let depth = self.bodies.iter().map(|body| body.found.depth).fold(0.0, f64::max);
         let telemetry = &mut self.telemetry;
@@ -406,9 +413,8 @@ impl<T: Tool> HapticLoop<T> {
             body.write_constraints(&self.tool.body_state(*index), dt, monitor.input_buffer_mut());
             monitor.publish();
         }
-        for (index, predicted) in &mut self.outputs.predicted {
-            let Some(body) = self.bodies.get(*index) else { continue };
-            body.write_predicted(predicted.input_buffer_mut());
+        for predicted in &mut self.outputs.predicted {
+            self.pushed.write(predicted.input_buffer_mut());
             predicted.publish();
         }
         self.outputs.clock.set(self.now);
@@ -440,10 +446,10 @@ impl<T: Tool> HapticLoop<T> {
         output
     }
 
-    /// Opens a view of the motion of the objects that contacts with a body push.
-    pub(crate) fn predict(&mut self, body: usize) -> triple_buffer::Output<PredictedMotion> {
+    /// Opens a view of the motion of the objects that contacts push.
+    pub(crate) fn predict(&mut self) -> triple_buffer::Output<PredictedMotion> {
         let (input, output) = triple_buffer::triple_buffer(&PredictedMotion::new());
-        self.outputs.predicted.push((body, input));
+        self.outputs.predicted.push(input);
         output
     }
 

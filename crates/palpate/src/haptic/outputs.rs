@@ -28,8 +28,8 @@ pub(crate) struct Outputs {
     pub other_hands: OtherHands,
     /// Contact monitors of the constraints of bodies, by the bodies' indices.
     pub constraints: Vec<(usize, triple_buffer::Input<ConstraintForces>)>,
-    /// Contact loops of bodies, by the bodies' indices, that follow the objects that contacts push.
-    pub predicted: Vec<(usize, triple_buffer::Input<PredictedMotion>)>,
+    /// Contact loops that follow the objects that contacts push.
+    pub predicted: Vec<triple_buffer::Input<PredictedMotion>>,
     /// Time of the last step, for other threads.
     pub clock: Arc<SessionClock>,
     /// The device's first error. Only the haptic loop sets it, so that it never waits.

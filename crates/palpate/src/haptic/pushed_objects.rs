@@ -7,11 +7,11 @@ use palpate_dynamics::{HostState, PushedBody, UnilateralContact};
 
 use super::joined::Joined;
 use super::reactions::ReactionFeed;
-use crate::contact::geometry::{ContactGeometry, MAX_OBJECTS, PredictedMotion};
+use crate::contact::geometry::{ContactGeometry, MAX_OBJECTS, NearObject, PredictedMotion};
 use crate::scene::SceneId;
-use crate::scene::moving::HandMotion;
+use crate::scene::moving::{HandMotion, Pushable};
 
-/// Scene objects that contacts with one body push.
+/// Scene objects that the contacts of a tool push.
 #[derive(Clone, Debug, Default)]
 pub(super) struct PushedObjects {
     bodies: ArrayVec<PushedBody, MAX_OBJECTS>,
@@ -19,7 +19,7 @@ pub(super) struct PushedObjects {
     places: ArrayVec<Placing, MAX_OBJECTS>,
 }
 
-/// How an object's mesh lies about its centre of mass.
+/// How an object's mesh lies about its centre of mass, and how it has moved.
 #[derive(Clone, Copy, Debug)]
 struct Placing {
     id: SceneId,
@@ -27,55 +27,32 @@ struct Placing {
     center: DVec3,
     /// Bounding radius about it, m.
     radius: f64,
+    /// Set of the tool's bodies that it is near.
+    near: u8,
+    /// Bound on the motion of any point of the object in the last step, m.
+    moved: f64,
 }
 
 impl Placing {
-    /// Bound on the motion of any point of the object, for a shift of its centre of mass (m) and a turn
-    /// (rad).
-    fn motion(&self, (shift, turn): (f64, f64)) -> f64 {
-        shift + turn * self.radius
-    }
-
     fn mesh(&self, body: &PushedBody) -> Pose {
         *body.pose() * Pose::from_translation(-self.center)
     }
 }
 
 impl PushedObjects {
-    /// Takes over objects that were found, with what their hosts say of them; the geometry's objects are
-    /// placed where they are by now.
-    pub fn take(&mut self, geometry: &mut ContactGeometry) {
-        let known = |id: &SceneId| {
-            let near = geometry.objects.iter().filter_map(|object| object.pushable.as_ref());
-            near.clone().any(|near| near.id == *id)
-        };
-        for index in (0..self.places.len()).rev() {
-            if !known(&self.places[index].id) {
-                self.places.swap_remove(index);
-                self.bodies.swap_remove(index);
-            }
+    /// Takes over the objects that were found near a body of the tool, with what their hosts say of them.
+    pub fn take(&mut self, body: usize, geometry: &mut ContactGeometry) {
+        let near = 1_u8 << body;
+        for place in &mut self.places {
+            place.near &= !near;
         }
-        for object in &mut geometry.objects {
-            let Some(pushable) = object.pushable else { continue };
-            let found = self.places.iter().position(|place| place.id == pushable.id);
-            let index = found.unwrap_or(self.places.len());
-            if found.is_none() {
-                let pose = object.pose * Pose::from_translation(pushable.center);
-                let twist = Twist::new(
-                    object.motion.twist.velocity_at(pose.translation),
-                    object.motion.twist.angular,
-                );
-                let mut body = PushedBody::new(&pushable.body, &pushable.told);
-                body.start(&pose, &twist);
-                let placing = Placing { id: pushable.id, center: pushable.center, radius: pushable.radius };
-                // There are no more than the geometry has objects.
-                if self.bodies.try_push(body).is_err() || self.places.try_push(placing).is_err() {
-                    continue;
-                }
-            }
-            let (Some(body), Some(place)) = (self.bodies.get_mut(index), self.places.get(index)) else {
+        for object in &geometry.objects {
+            let Some(pushable) = &object.pushable else { continue };
+            let Some(index) = self.known(object) else { continue };
+            let (Some(body), Some(place)) = (self.bodies.get_mut(index), self.places.get_mut(index)) else {
                 continue;
             };
+            place.near |= near;
             body.set_delay(pushable.delay);
             if pushable.in_hand {
                 // The other haptic loop says more.
@@ -86,14 +63,48 @@ impl PushedObjects {
                 body.hear(&pushable.told);
                 body.learn();
             }
-            let (found, now) = (object.pose, place.mesh(body));
-            // The mesh's origin is as good a point as any.
-            let center = found.transform_point(place.center);
-            let shift = center.distance(body.pose().translation);
-            object.moved = place.motion((shift, found.rotation_vector_to(&now).length()));
-            object.pose = now;
-            object.pushed = Some(index as u8);
         }
+        for index in (0..self.places.len()).rev().filter(|index| *index < MAX_OBJECTS) {
+            if self.places[index].near == 0 {
+                self.places.swap_remove(index);
+                self.bodies.swap_remove(index);
+            }
+        }
+        for object in &mut geometry.objects {
+            let found = object.pose;
+            if let Some((body, place)) = self.place(object) {
+                let shift = found.transform_point(place.center).distance(body.pose().translation);
+                object.moved = shift + found.rotation_vector_to(&object.pose).length() * place.radius;
+            }
+        }
+    }
+
+    /// Index of an object that contacts push, which is added if it is not known; `None` if there is no room.
+    fn known(&mut self, object: &NearObject) -> Option<usize> {
+        let pushable = object.pushable.as_ref()?;
+        let known = self.places.iter().position(|place| place.id == pushable.id);
+        if known.is_some() {
+            return known;
+        }
+        let Pushable { id, center, radius, .. } = *pushable;
+        let pose = object.pose * Pose::from_translation(center);
+        let Twist { angular, .. } = object.motion.twist;
+        let twist = Twist::new(object.motion.twist.velocity_at(pose.translation), angular);
+        let mut body = PushedBody::new(&pushable.body, &pushable.told);
+        body.start(&pose, &twist);
+        self.places.try_push(Placing { id, center, radius, near: 0, moved: 0.0 }).ok()?;
+        self.bodies.try_push(body).ok()?;
+        Some(self.places.len() - 1)
+    }
+
+    /// Numbers an object and places it where it is by now. Returns it, if contacts push it.
+    fn place(&self, object: &mut NearObject) -> Option<(&PushedBody, &Placing)> {
+        let id = object.pushable.as_ref()?.id;
+        let index = self.places.iter().position(|place| place.id == id);
+        object.pushed = index.map(|index| index as u8);
+        let (body, place) = (self.bodies.get(index?)?, self.places.get(index?)?);
+        object.pose = place.mesh(body);
+        Some((body, place))
     }
 
     /// Whether it moves an object.
@@ -101,10 +112,9 @@ impl PushedObjects {
         self.places.iter().any(|place| place.id == id)
     }
 
-    /// Forgets all objects.
-    pub fn clear(&mut self) {
-        self.bodies.clear();
-        self.places.clear();
+    /// The objects, by the indices that contacts have.
+    pub fn bodies(&self) -> &[PushedBody] {
+        &self.bodies
     }
 
     /// Takes note of what the haptic loops of other hands say of the objects that they hold.
@@ -126,32 +136,32 @@ impl PushedObjects {
         }
     }
 
-    /// Begins a step of `dt` (s): the geometry's objects move as contacts see them.
-    pub fn begin(&mut self, geometry: &mut ContactGeometry, dt: f64) {
-        for object in &mut geometry.objects {
-            let Some(body) = object.pushed.and_then(|index| self.bodies.get_mut(usize::from(index))) else {
-                continue;
-            };
-            body.begin(dt);
-            let Twist { linear, angular } = *body.surface_twist();
-            let linear = linear - angular.cross(body.pose().translation);
-            object.motion.twist = Twist { linear, angular };
+    /// Begins a step of `dt` (s).
+    pub fn begin(&mut self, dt: f64) {
+        if dt > 0.0 {
+            self.bodies.iter_mut().for_each(|body| body.begin(dt));
         }
     }
 
-    /// The objects, by the indices that contacts have.
-    pub fn bodies(&self) -> &[PushedBody] {
-        &self.bodies
+    /// Moves the objects of a geometry as contacts of this step see them.
+    pub fn move_objects(&self, geometry: &mut ContactGeometry) {
+        for object in &mut geometry.objects {
+            if let Some((body, place)) = self.place(object) {
+                object.moved = place.moved;
+                let Twist { linear, angular } = *body.surface_twist();
+                let linear = linear - angular.cross(body.pose().translation);
+                object.motion.twist = Twist { linear, angular };
+            }
+        }
     }
 
-    /// Ends a step of `dt` (s) at a time (s), with contacts whose arms are from a centre of mass (m): pushes
-    /// the objects, and moves them. Their impulses are added to a feed. Returns the number of objects for
-    /// which it had no room.
-    pub fn end(
+    /// Pushes the objects by contacts with a body of the tool, whose arms are from a centre of mass (m). Adds
+    /// the impulses to a feed. Returns the number of objects for which it had no room.
+    pub fn push(
         &mut self,
-        geometry: &mut ContactGeometry,
-        (contacts, center): (&[UnilateralContact], DVec3),
-        (dt, time): (f64, f64),
+        objects: &[NearObject],
+        contacts: &[UnilateralContact],
+        center: DVec3,
         reacting: &mut ReactionFeed,
     ) -> u64 {
         let mut lost = 0;
@@ -161,20 +171,20 @@ impl PushedObjects {
             if let Some(body) = self.bodies.get_mut(usize::from(index)) {
                 body.push(contact.impulse, point);
             }
-            let object = geometry.objects.iter().find(|object| object.pushed == Some(index));
+            let object = objects.iter().find(|object| object.pushed == Some(index));
             if let Some(number) = object.and_then(|object| object.motion.object) {
                 lost += reacting.push(number, contact.impulse, point.cross(contact.impulse));
             }
         }
-        for object in &mut geometry.objects {
-            let Some(index) = object.pushed.map(usize::from) else { continue };
-            let (Some(body), Some(place)) = (self.bodies.get_mut(index), self.places.get(index)) else {
-                continue;
-            };
-            object.moved = place.motion(body.end(dt, time));
-            object.pose = place.mesh(body);
-        }
         lost
+    }
+
+    /// Ends a step of `dt` (s) at a time (s): the objects move.
+    pub fn end(&mut self, dt: f64, time: f64) {
+        for (body, place) in self.bodies.iter_mut().zip(&mut self.places) {
+            let (shift, turn) = if dt > 0.0 { body.end(dt, time) } else { (0.0, 0.0) };
+            place.moved = shift + turn * place.radius;
+        }
     }
 
     /// Writes the motion of all objects.

@@ -23,7 +23,7 @@ use crate::scene::moving::DynamicBody;
 use crate::scene::object::Object;
 use crate::scene::size::{UnitsError, check_sizes};
 use crate::settings::gripper::GripperSettings;
-use crate::settings::{ContactSearch, SearchSettings, Settings, SettingsError};
+use crate::settings::{ContactSearch, Response, SearchSettings, Settings, SettingsError};
 use crate::tool::Tool;
 use crate::tool::error::ToolError;
 use crate::tool::gains::{Gains, Grasped, gripper_port};
@@ -94,8 +94,6 @@ struct Prepared<T> {
     gripper: Option<Gripper>,
     /// Method by which contacts are found; it may differ from the settings'.
     search: ContactSearch,
-    /// Whether contacts may be constraints.
-    may_constrain: bool,
 }
 
 impl HapticRenderer {
@@ -143,7 +141,6 @@ impl HapticRenderer {
             gains,
             gripper: None,
             search: settings.search.method,
-            may_constrain: true,
         };
         Self::assemble(prepared, scene, device, state, settings)
     }
@@ -189,8 +186,8 @@ impl HapticRenderer<Hinged> {
     /// The settings apply as follows. `mass` is ignored, since the tool has its own masses. The
     /// [grasp](crate::settings::ToolSettings::grasp) is in the first body's mesh frame, by default at its
     /// centre of mass. By default the tolerance is 1 % of the smaller body's bounding radius, and the contact
-    /// damping is critical for the tool's mass. Contacts are found by levels of detail unless the settings
-    /// require representatives.
+    /// damping is critical for the tool's mass. Penalty contacts are found by levels of detail unless the
+    /// settings require representatives.
     ///
     /// # Errors
     /// If a setting is out of range, a body cannot have its mass, the hinge is invalid, an object's size
@@ -231,12 +228,10 @@ impl HapticRenderer<Hinged> {
             gripper: Some(Gripper::new(gripper, &port, asked, lag, 1.0 / settings.timing.rate)),
             // With the area law narrow jaws slide off sideways, since the object between them is in contact
             // beyond their edges.
-            search: match settings.search.method {
-                ContactSearch::Automatic => ContactSearch::Levels,
-                asked => asked,
+            search: match (settings.search.method, settings.contact.response) {
+                (ContactSearch::Automatic, Response::Penalty) => ContactSearch::Levels,
+                (asked, _) => asked,
             },
-            // The step of a tool with a hinge takes penalty contacts only.
-            may_constrain: false,
         };
         Self::assemble(prepared, scene, device, state, settings)
     }
@@ -256,7 +251,7 @@ impl<T: Tool> HapticRenderer<T> {
         state: DeviceState,
         settings: Settings,
     ) -> Result<Self, RendererError> {
-        let Prepared { tool, bodies, grasped, gains, gripper, search, may_constrain } = prepared;
+        let Prepared { tool, bodies, grasped, gains, gripper, search } = prepared;
         let period = 1.0 / settings.timing.rate;
         let loop_settings = LoopSettings {
             grasp: gains.grasp,
@@ -274,14 +269,11 @@ impl<T: Tool> HapticRenderer<T> {
         let specification = device.specification();
         let mut haptic = HapticLoop::new(tool, loop_settings, state, specification, gripper, &radii);
         let searching = Settings { search: SearchSettings { method: search, ..settings.search }, ..settings };
-        let contacts = bodies.iter().enumerate().map(|(index, (object, body))| {
+        let contacts = bodies.iter().map(|(object, body)| {
             let center = object.clod.source.center_of_mass;
             let mut contact =
                 ContactLoop::new(object, *body, center, scene.objects(), gains.contacts, &searching)?;
-            if !may_constrain {
-                contact.use_penalties();
-            }
-            contact.follow_predicted(haptic.predict(index));
+            contact.follow_predicted(haptic.predict());
             Ok::<_, ContactLoopError>(contact)
         });
         let contacts = contacts.collect::<Result<_, _>>()?;

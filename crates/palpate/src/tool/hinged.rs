@@ -12,8 +12,9 @@
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::{
-    ArticulatedBody, ArticulatedFrame, ArticulatedState, Body, BodyState, GripperCoupling, Integrator as _,
-    Joint, JointLimits, PortAxes, PortLimits, Sampling, SemiImplicit, VirtualCoupling, articulated_step,
+    ArticulatedBody, ArticulatedFrame, ArticulatedState, Body, BodyState, ConstrainedToolStep,
+    GripperCoupling, Integrator as _, Joint, JointLimits, PortAxes, PortLimits, PushedBody, Sampling,
+    SemiImplicit, VirtualCoupling, articulated_step, constrained_articulated_step,
 };
 
 use super::error::ToolError;
@@ -153,7 +154,7 @@ impl Moves for Hinged {
         springs + self.body.kinetic_energy(&self.state)
     }
 
-    fn step(&mut self, hand: &Hand, loads: &mut [BodyLoads<'_>], dt: f64) -> ToolStep {
+    fn step(&mut self, hand: &Hand, loads: &mut [BodyLoads<'_>], pushed: &[PushedBody], dt: f64) -> ToolStep {
         let contacts = |body: usize| loads.get(body).map_or(&NO_CONTACTS, |load| load.model);
         let frame = ArticulatedFrame {
             tool: &self.body,
@@ -164,11 +165,18 @@ impl Moves for Hinged {
             contacts: [contacts(0), contacts(1)],
             gravity: DVec3::ZERO,
         };
-        let step = articulated_step(&frame, &self.state, dt);
+        let ConstrainedToolStep { step, held_back } = match loads {
+            [first, second] if first.constrained || second.constrained => {
+                let bounds = [first.bound, second.bound];
+                let contacts = [&mut *first.unilateral, &mut *second.unilateral];
+                constrained_articulated_step(&frame, &self.state, contacts, pushed, &bounds, dt)
+            }
+            _ => articulated_step(&frame, &self.state, dt).into(),
+        };
         self.state = step.state;
         ToolStep {
             status: step.status,
-            waited: false,
+            waited: held_back,
             coupling: step.coupling,
             gripper: step.gripper,
             stop: step.stop,

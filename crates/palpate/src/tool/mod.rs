@@ -62,8 +62,8 @@ pub trait Moves: Clone + Debug + Send + 'static {
     /// Potential energy of the couplings plus kinetic energy of the tool, J.
     fn energy(&self, hand: &Hand) -> f64;
 
-    /// Advances the tool by `dt` (s), with the contacts of each body.
-    fn step(&mut self, hand: &Hand, loads: &mut [BodyLoads<'_>], dt: f64) -> ToolStep;
+    /// Advances the tool by `dt` (s), with the contacts of each body and the scene objects that they push.
+    fn step(&mut self, hand: &Hand, loads: &mut [BodyLoads<'_>], pushed: &[PushedBody], dt: f64) -> ToolStep;
 
     /// Pushes the tool with an impulse (N·s), and an angular one about its centre of mass (N·m·s). Only tools
     /// of one body can be pushed.
@@ -101,8 +101,6 @@ pub struct BodyLoads<'a> {
     pub constrained: bool,
     /// Unilateral contacts.
     pub unilateral: &'a mut [UnilateralContact],
-    /// Scene objects that the unilateral contacts push.
-    pub pushed: &'a [PushedBody],
     /// Bound on the body's motion.
     pub bound: MotionBound,
 }

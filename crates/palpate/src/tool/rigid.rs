@@ -5,7 +5,7 @@ use std::sync::Arc;
 use palpate_core::Wrench;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::{
-    Body, BodyState, ConstrainedStep, Frame, Integrator, VirtualCoupling, constrained_step,
+    Body, BodyState, ConstrainedStep, Frame, Integrator, PushedBody, VirtualCoupling, constrained_step,
 };
 
 use super::{BodyLoads, Hand, Moves, NO_CONTACTS, Tool, ToolStep};
@@ -47,7 +47,7 @@ impl Moves for Rigid {
         self.coupling.potential_energy(&self.state, &hand.device) + self.body.kinetic_energy(&self.state)
     }
 
-    fn step(&mut self, hand: &Hand, loads: &mut [BodyLoads<'_>], dt: f64) -> ToolStep {
+    fn step(&mut self, hand: &Hand, loads: &mut [BodyLoads<'_>], pushed: &[PushedBody], dt: f64) -> ToolStep {
         let load = loads.first_mut();
         let frame = Frame {
             body: &self.body,
@@ -58,7 +58,7 @@ impl Moves for Rigid {
         };
         let ConstrainedStep { step, held_back } = match load {
             Some(load) if load.constrained => {
-                constrained_step(&frame, &self.state, load.unilateral, load.pushed, &load.bound, dt)
+                constrained_step(&frame, &self.state, load.unilateral, pushed, &load.bound, dt)
             }
             _ => self.integrator.step(&frame, &self.state, dt).into(),
         };
