@@ -105,9 +105,9 @@ impl ContactLoop {
 
     /// Finds what the haptic loop needs to hold the body out of the objects that are guarded; `None` if the
     /// body has no surface.
-    pub(super) fn guard(&mut self, body: &BodyState, interval: f64) -> Option<ContactGeometry> {
+    pub(super) fn guard(&mut self, body: &BodyState) -> Option<ContactGeometry> {
         let tolerance = self.parameters.tolerance;
-        let ahead = self.lookahead.horizon(interval);
+        let ahead = self.lookahead.horizon(self.interval);
         let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
         let motion = (speed + 0.5 * ACCELERATION * ahead) * ahead;
         // In patches a wide search takes long, so that the body has room for its present speed alone.
@@ -136,31 +136,18 @@ impl ContactLoop {
             let enough = reach + (2.0 * motion).max(HAND_SPEED * ahead);
             let wanted = (tolerance + motion).min(FAR_REACH * tolerance).max(reach);
             let reaches = [reach, wanted, enough.min(self.probe.shape().max_tolerance()).max(wanted)];
-            let room = self.start_in_fields(
-                &mut guard,
-                &mut geometry,
-                (&mesh, edge),
-                reaches,
-                (interval, &mut report),
-            );
+            let room = self.start_in_fields(&mut guard, &mut geometry, (&mesh, edge), reaches, &mut report);
             reach = wanted;
             room
         } else {
             let at = (&mesh, edge);
-            let wide = self.start_at_patches(
-                &mut guard,
-                &mut geometry,
-                at,
-                (reach, MAX_STARTS),
-                (interval, &mut report),
-            );
+            let wide = self.start_at_patches(&mut guard, &mut geometry, at, (reach, MAX_STARTS), &mut report);
             wide.unwrap_or_else(|| {
                 reach = reach.min(NARROW_REACH * tolerance);
                 guard.starts.clear();
                 geometry.objects.clear();
                 let all = (reach, usize::MAX);
-                self.start_at_patches(&mut guard, &mut geometry, at, all, (interval, &mut report))
-                    .unwrap_or(0.0)
+                self.start_at_patches(&mut guard, &mut geometry, at, all, &mut report).unwrap_or(0.0)
             })
         };
         let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
@@ -195,9 +182,8 @@ impl ContactLoop {
         speeds.fold(0.0, f64::max)
     }
 
-    /// A scene object near the body, by its place, with contacts found every `interval` (s); `None` if it is
-    /// not guarded.
-    fn near_object(&self, handle: ObjectHandle, interval: f64) -> Option<NearObject> {
+    /// A scene object near the body, by its place; `None` if it is not guarded.
+    fn near_object(&self, handle: ObjectHandle) -> Option<NearObject> {
         let place = handle.place();
         if !self.is_guarded(place) {
             return None;
@@ -208,7 +194,7 @@ impl ContactLoop {
         let motion: MovingBody = counterpart(&self.objects, &self.scene, Some(place)).body();
         let pushable = near.moving.as_ref().and_then(|moving| {
             let radius = near.object.radius_about(moving.0.center_of_mass()?);
-            moving.0.pushable(near.id, (&pose, radius), (interval, self.time))
+            moving.0.pushable(near.id, (&pose, radius), (self.interval, self.time))
         });
         let felt_elsewhere = near.moving.as_ref().is_some_and(|moving| moving.0.is_felt_elsewhere());
         Some(NearObject {
@@ -234,7 +220,7 @@ impl ContactLoop {
         geometry: &mut ContactGeometry,
         (mesh, edge): (&Pose, f64),
         [reach, wanted, enough]: [f64; 3],
-        (interval, report): (f64, &mut QueryReport),
+        report: &mut QueryReport,
     ) -> f64 {
         let Guard { starts, far, .. } = guard;
         let Ok(invalid) = self.scene.find_near(mesh, enough) else {
@@ -245,7 +231,7 @@ impl ContactLoop {
         let (mut room, long) = (enough, LONG * edge);
         let handles: ArrayVec<ObjectHandle, 64> = self.scene.near().take(64).collect();
         for handle in handles {
-            let Some(object) = self.near_object(handle, interval) else { continue };
+            let Some(object) = self.near_object(handle) else { continue };
             let Ok(fields) = &mut self.by_fields else { continue };
             let settings = fields.needs.settings(reach);
             let Some(NearFields { probe, scene, probe_places, samples }) = fields.near(handle.place()) else {
@@ -290,7 +276,7 @@ impl ContactLoop {
         geometry: &mut ContactGeometry,
         (mesh, edge): (&Pose, f64),
         (reach, most): (f64, usize),
-        (interval, report): (f64, &mut QueryReport),
+        report: &mut QueryReport,
     ) -> Option<f64> {
         let settings = QuerySettings::new(reach);
         let mut finder = LevelFinder { scene: &mut self.scene, settings };
@@ -298,7 +284,7 @@ impl ContactLoop {
         let to_probe = mesh.inverse();
         let mut room = if complete { reach } else { 0.0 };
         for found in self.scene.contacts() {
-            let Some(object) = self.near_object(found.object, interval) else { continue };
+            let Some(object) = self.near_object(found.object) else { continue };
             if geometry.objects.is_full() {
                 room = 0.0;
                 break;

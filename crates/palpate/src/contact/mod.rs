@@ -145,8 +145,9 @@ pub struct ContactLoop {
     /// Bounding radius of the probe about its centre of mass, m.
     radius: f64,
     lookahead: Lookahead,
-    /// Time of the last step, s.
+    /// Time of the last step, and since the one before, s.
     time: f64,
+    interval: f64,
     telemetry: ContactTelemetry,
     /// Feed of the contact monitors, if there are any, and the search for the patches that touch.
     monitored: Option<MonitorFeed>,
@@ -205,6 +206,7 @@ impl ContactLoop {
             radius,
             lookahead: Lookahead::new(braking || proxy, parameters.tolerance, radius),
             time: f64::NAN,
+            interval: f64::NAN,
             telemetry: ContactTelemetry::default(),
             monitored: None,
             patches: Patches::new(),
@@ -219,16 +221,16 @@ impl ContactLoop {
     /// Finds the contacts for the grasped object's state at `time` (s). Allocates only while the workspaces
     /// grow to the size that the scene needs.
     pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
+        self.interval = time - std::mem::replace(&mut self.time, time);
         self.make_edits();
-        let interval = time - std::mem::replace(&mut self.time, time);
-        self.tune(interval);
+        self.tune(self.interval);
         self.move_objects(body, time);
-        let geometry = if self.response == Response::Constraints { self.guard(body, interval) } else { None };
+        let geometry = if self.response == Response::Constraints { self.guard(body) } else { None };
         let update = if geometry.is_some() && self.guards_all() {
             self.begin_snapshot(time);
             ContactUpdate::new(LinearContactModel::empty(&body.pose, time), time, 0.0, 0)
         } else {
-            self.find_penalties(body, time, interval)
+            self.find_penalties(body, time)
         };
         if let Some(geometry) = &geometry {
             self.show_guarded(geometry, &(body.pose * Pose::from_translation(-self.center_of_mass)));
@@ -239,9 +241,9 @@ impl ContactLoop {
         ContactUpdate { geometry, ..update }
     }
 
-    /// Finds the contacts that are penalty contacts, for the grasped object's state at `time` (s),
-    /// `interval` (s) after the last ones.
-    fn find_penalties(&mut self, body: &BodyState, time: f64, interval: f64) -> ContactUpdate {
+    /// Finds the contacts that are penalty contacts, for the grasped object's state at `time` (s).
+    fn find_penalties(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
+        let interval = self.interval;
         let ahead = self.lookahead.horizon(interval);
         let tolerance = self.parameters.tolerance;
         let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);

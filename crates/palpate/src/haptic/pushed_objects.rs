@@ -143,7 +143,8 @@ impl PushedObjects {
         }
     }
 
-    /// Moves the objects of a geometry as contacts of this step see them.
+    /// Moves the objects of a geometry as contacts of this step see them. In a new one their last motion
+    /// counts twice, which is safe.
     pub fn move_objects(&self, geometry: &mut ContactGeometry) {
         for object in &mut geometry.objects {
             if let Some((body, place)) = self.place(object) {

@@ -198,7 +198,8 @@ impl MovingObject {
         let (time, pose, twist) = self.told.map_or((f64::NEG_INFINITY, *pose, Twist::ZERO), |told| {
             // A host that says nothing more has nothing more to say: the object is as it was.
             let (time, pose, twist) = told;
-            if now - time <= SILENCE * period { told } else { stood(&pose, &twist, (time, now - period)) }
+            let is_silent = now - time > SILENCE * period;
+            if is_silent { stood(&pose, &twist, (time, now - period)) } else { told }
         });
         let arm = pose.rotation * center_of_mass;
         Some(Pushable {
