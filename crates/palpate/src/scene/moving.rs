@@ -87,8 +87,6 @@ pub(crate) struct MovingObject {
     predicted: Option<(Pose, Twist)>,
     /// Dynamic body, with its inverse inertia.
     body: Option<(DynamicBody, DMat3)>,
-    /// Whether reactions on it are reported.
-    reacts: bool,
     /// Motion of the object in another hand that this one is.
     leader: Option<triple_buffer::Output<HandMotion>>,
 }
@@ -100,8 +98,8 @@ pub(crate) struct HandMotion {
     pub pose: Pose,
     /// Velocity of its origin, and angular velocity.
     pub twist: Twist,
-    /// Acceleration of the centre of mass, and angular one, by all that the other session does not do: m/s²
-    /// and rad/s².
+    /// Acceleration of the centre of mass, and angular one, by all but the other session's contacts: m/s² and
+    /// rad/s².
     pub load: Twist,
 }
 
@@ -143,15 +141,7 @@ struct Motion {
 impl MovingObject {
     /// Makes an object that a host moves.
     pub fn new() -> Self {
-        Self {
-            motion: None,
-            given: None,
-            told: None,
-            predicted: None,
-            body: None,
-            reacts: false,
-            leader: None,
-        }
+        Self { motion: None, given: None, told: None, predicted: None, body: None, leader: None }
     }
 
     /// Makes an object that is in another hand. Without a body it is one that is only waited for: the other
@@ -231,7 +221,6 @@ impl MovingObject {
 
     pub fn set_dynamics(&mut self, body: Option<DynamicBody>) {
         self.body = body.map(|body| (body, body.inertia.inverse()));
-        self.reacts = self.body.is_some();
     }
 
     /// Stops the object where it is.
@@ -278,7 +267,7 @@ impl MovingObject {
         let object = u32::try_from(id.0 + 1).ok().and_then(std::num::NonZeroU32::new);
         MovingBody {
             twist: Twist { linear: linear - angular.cross(pose.translation), angular },
-            object: object.filter(|_| self.reacts),
+            object: object.filter(|_| self.body.is_some()),
         }
     }
 
