@@ -15,7 +15,7 @@
 //! # Overlap
 //!
 //! A contact that is found with an overlap (g < 0) asks for an outward velocity with which the overlap fades
-//! in about 5 ms, and of at most the recovery velocity, however deep it is. Pushing it out by its depth in
+//! in about 10 ms, and of at most the recovery velocity, however deep it is. Pushing it out by its depth in
 //! one step, or by a spring, would give the body energy that the hand did not put in.
 //!
 //! # Many contacts
@@ -66,7 +66,7 @@ pub const MAX_UNILATERAL: usize = 64;
 
 /// Time in which a small overlap is undone, s. With less, each overlap of a micrometre that comes and goes is
 /// felt in the coupling's damper; with more, overlaps last.
-const RECOVERY_TIME: f64 = 5e-3;
+const RECOVERY_TIME: f64 = 10e-3;
 
 /// A contact that holds a point of the body on one side of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]

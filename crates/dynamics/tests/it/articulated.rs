@@ -974,8 +974,9 @@ fn blades_that_close_do_not_pass() {
         deepest = deepest.min((surface - tool.second(&state).pose.translation).dot(along));
         force = step.contacts[1].force.length();
     }
-    // Twice what was found: within a step a blade moves on an arc.
-    assert!(deepest > -2e-5, "{deepest} m");
+    // Twice what was found: a contact yields by a thousandth of the velocity that it takes off in a step, and
+    // an overlap fades in 10 ms.
+    assert!(deepest > -4e-5, "{deepest} m");
     let lever = axis.cross(tool.second(&state).pose.translation - hinge).length();
     let torque = scene.grip.torque(&state, &scene.gripper).abs();
     assert!((force * lever - torque).abs() < 0.01 * torque, "{force} N at {lever} m, and {torque} N·m");

@@ -126,9 +126,9 @@ fn random_contacts(rng: &mut StdRng, most: usize, friction: f64) -> Vec<Unilater
     (0..rng.random_range(1..=most)).map(|_| random(rng)).collect()
 }
 
-/// What a contact's velocity should be: its largest approach, m/s. An overlap fades in 5 ms.
+/// What a contact's velocity should be: its largest approach, m/s. An overlap fades in 10 ms.
 fn limit(contact: &UnilateralContact, recovery: f64) -> f64 {
-    let time = if contact.gap < 0.0 { 5e-3 } else { DT };
+    let time = if contact.gap < 0.0 { 1e-2 } else { DT };
     contact.normal.dot(contact.velocity) + (contact.gap / time).max(-recovery)
 }
 
