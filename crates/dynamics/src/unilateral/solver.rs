@@ -171,8 +171,8 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
         }
         self.ready |= 1 << index;
         let (first, second) = normal.any_orthonormal_pair();
-        let axes = [first, second];
-        let rows = axes.map(|axis| self.moved.row(index, &self.contacts[index], axis));
+        let contact = &self.contacts[index];
+        let rows = [self.moved.row(index, contact, first), self.moved.row(index, contact, second)];
         let over = self.moved.free(index).velocity_at(arm) - velocity;
         let mobility = dot(&rows[0], &rows[0]).max(dot(&rows[1], &rows[1]));
         let impulse = [first.dot(impulse), second.dot(impulse)];
@@ -180,7 +180,7 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
         add(&mut self.rubbed, impulse[1], &rows[1]);
         self.rows.rubbing.push(Friction {
             contact: index as u8,
-            axes,
+            axes: [first, second],
             rows,
             slip: [first.dot(over), second.dot(over)],
             mass: 1.0 / mobility,
