@@ -78,8 +78,7 @@ pub fn constrained_step(
         shortened = share < 1.0;
         twist = Twist::new(held.linear * share, held.angular * share);
     }
-    let (twist, held_back) = within(bound, state, &twist, dt);
-    let next = BodyState { pose: state.pose.moved(&twist, dt), twist };
+    let (next, held_back) = within(bound, state, &twist, dt);
     let mut step = frame.ended(state, &next, active, status);
     step.contact += wrench(contacts, dt);
     if step.status.failure.is_some() || !step.contact.is_finite() {
@@ -172,16 +171,18 @@ pub(crate) fn wrench(contacts: &[UnilateralContact], dt: f64) -> Wrench {
     })
 }
 
-/// Shortens a motion with a twist to stay within a bound.
-fn within(bound: &MotionBound, state: &BodyState, twist: &Twist, dt: f64) -> (Twist, bool) {
+/// The state after a motion with a twist, which is shortened to stay within a bound.
+fn within(bound: &MotionBound, state: &BodyState, twist: &Twist, dt: f64) -> (BodyState, bool) {
     let length = dt * (twist.linear.length() + twist.angular.length() * bound.radius);
-    let is_near = bound.displacement(&state.pose.moved(twist, dt)) <= bound.room;
+    let moved = |twist: Twist| BodyState { pose: state.pose.moved(&twist, dt), twist };
+    let next = moved(*twist);
+    let is_near = bound.displacement(&next.pose) <= bound.room;
     if is_near && length <= bound.step {
-        return (*twist, false);
+        return (next, false);
     }
     // Displacements add up to no more than their sum.
     let room =
         if is_near { bound.step } else { bound.step.min(bound.room - bound.displacement(&state.pose)) };
     let share = (room / length).clamp(0.0, 1.0);
-    (Twist::new(twist.linear * share, twist.angular * share), true)
+    (moved(Twist::new(twist.linear * share, twist.angular * share)), true)
 }
