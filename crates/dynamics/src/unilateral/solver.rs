@@ -165,6 +165,7 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
     }
 
     /// Makes the friction rows of a contact, from its impulse in the last step.
+    #[inline(always)]
     fn prepare(&mut self, index: usize) {
         let UnilateralContact { arm, normal, velocity, friction, impulse, .. } = self.contacts[index];
         if friction.is_nan() || friction <= 0.0 || self.ready & 1 << index != 0 {
@@ -214,12 +215,20 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
     fn push(&mut self, size: f64) -> bool {
         let (pressed, ended) = self.rows.normals.solve(&self.rubbed, size);
         self.pressed = pressed;
-        let mut new = self.rows.normals.active() & !self.ready;
-        while new != 0 {
-            self.prepare(new.trailing_zeros() as usize);
-            new &= new - 1;
+        let new = self.rows.normals.active() & !self.ready;
+        if new != 0 {
+            self.prepare_all(new);
         }
         ended
+    }
+
+    /// Makes the friction rows of a set of contacts.
+    #[cold]
+    fn prepare_all(&mut self, mut set: u64) {
+        while set != 0 {
+            self.prepare(set.trailing_zeros() as usize);
+            set &= set - 1;
+        }
     }
 
     /// Updates the friction of all contacts once, for given normal impulses. Returns the largest change of a
