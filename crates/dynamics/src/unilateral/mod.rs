@@ -122,7 +122,9 @@ impl MotionBound {
 
     /// Bound on the displacement of any point of the body, m: |Δ**x**| + 2 r sin(θ/2).
     pub fn displacement(&self, pose: &Pose) -> f64 {
-        let turn = 0.5 * self.from.rotation_vector_to(pose).length();
-        self.from.translation.distance(pose.translation) + 2.0 * self.radius * turn.sin()
+        // The vector part of a unit quaternion is as long as sin(θ/2).
+        let turn = self.from.rotation.conjugate() * pose.rotation;
+        let turn = DVec3::new(turn.x, turn.y, turn.z);
+        self.from.translation.distance(pose.translation) + 2.0 * self.radius * turn.length()
     }
 }

@@ -45,7 +45,8 @@ struct Friction<const N: usize> {
     rows: [Vector<N>; 2],
     /// Velocity over the surface without impulses, m/s.
     slip: [f64; 2],
-    /// One over the larger of the two mobilities along the surface.
+    /// The larger of the two mobilities along the surface, and one over it.
+    mobility: f64,
     mass: f64,
     /// μ.
     coefficient: f64,
@@ -164,6 +165,7 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
     }
 
     /// Makes the friction rows of a contact, from its impulse in the last step.
+    #[inline(always)]
     fn prepare(&mut self, index: usize) {
         let UnilateralContact { arm, normal, velocity, friction, impulse, .. } = self.contacts[index];
         if friction.is_nan() || friction <= 0.0 || self.ready & 1 << index != 0 {
@@ -171,8 +173,8 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
         }
         self.ready |= 1 << index;
         let (first, second) = normal.any_orthonormal_pair();
-        let axes = [first, second];
-        let rows = axes.map(|axis| self.moved.row(index, &self.contacts[index], axis));
+        let contact = &self.contacts[index];
+        let rows = [self.moved.row(index, contact, first), self.moved.row(index, contact, second)];
         let over = self.moved.free(index).velocity_at(arm) - velocity;
         let mobility = dot(&rows[0], &rows[0]).max(dot(&rows[1], &rows[1]));
         let impulse = [first.dot(impulse), second.dot(impulse)];
@@ -180,9 +182,10 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
         add(&mut self.rubbed, impulse[1], &rows[1]);
         self.rows.rubbing.push(Friction {
             contact: index as u8,
-            axes,
+            axes: [first, second],
             rows,
             slip: [first.dot(over), second.dot(over)],
+            mobility,
             mass: 1.0 / mobility,
             coefficient: friction,
             impulse,
@@ -212,26 +215,34 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
     fn push(&mut self, size: f64) -> bool {
         let (pressed, ended) = self.rows.normals.solve(&self.rubbed, size);
         self.pressed = pressed;
-        let mut new = self.rows.normals.active() & !self.ready;
-        while new != 0 {
-            self.prepare(new.trailing_zeros() as usize);
-            new &= new - 1;
+        let new = self.rows.normals.active() & !self.ready;
+        if new != 0 {
+            self.prepare_all(new);
         }
         ended
+    }
+
+    /// Makes the friction rows of a set of contacts.
+    #[cold]
+    fn prepare_all(&mut self, mut set: u64) {
+        while set != 0 {
+            self.prepare(set.trailing_zeros() as usize);
+            set &= set - 1;
+        }
     }
 
     /// Updates the friction of all contacts once, for given normal impulses. Returns the largest change of a
     /// contact's velocity, m/s.
     fn rub(&mut self) -> f64 {
         let Rows { normals, rubbing } = &mut *self.rows;
-        let mut felt = sum(&self.pressed, &self.rubbed);
+        let mut felt = Felt { base: sum(&self.pressed, &self.rubbed), along: [0.0; N], share: 0.0 };
         let mut change: f64 = 0.0;
         for friction in rubbing {
             let pressing = normals.impulse(usize::from(friction.contact));
             let most = if pressing > 0.0 { friction.coefficient * pressing } else { 0.0 };
             change = change.max(friction.rub(most, &mut felt));
         }
-        self.rubbed = felt;
+        self.rubbed = felt.sum();
         add(&mut self.rubbed, -1.0, &self.pressed);
         change
     }
@@ -250,28 +261,50 @@ impl<const N: usize> Rows<N> {
     }
 }
 
+/// y of all impulses, as a sum with a share that is known late: products with the rest do not wait for it.
+struct Felt<const N: usize> {
+    base: Vector<N>,
+    along: Vector<N>,
+    share: f64,
+}
+
+impl<const N: usize> Felt<N> {
+    #[inline(always)]
+    fn sum(&self) -> Vector<N> {
+        let mut sum = self.base;
+        add(&mut sum, self.share, &self.along);
+        sum
+    }
+
+    /// What a row feels.
+    #[inline(always)]
+    fn dot(&self, row: &Vector<N>) -> f64 {
+        dot(row, &self.base) + self.share * dot(row, &self.along)
+    }
+}
+
 impl<const N: usize> Friction<N> {
     /// Updates friction: the impulse that stops the sliding, within the cone of the normal impulse. `most` is
     /// its radius.
     #[inline(always)]
-    fn rub(&mut self, most: f64, felt: &mut Vector<N>) -> f64 {
-        let Self { rows, slip, mass, impulse, .. } = self;
+    fn rub(&mut self, most: f64, felt: &mut Felt<N>) -> f64 {
+        let Self { rows: [first, second], slip, mobility, mass, impulse, .. } = self;
         if most == 0.0 && *impulse == [0.0; 2] {
             return 0.0;
         }
-        let wanted = [
-            impulse[0] + (slip[0] - dot(&rows[0], felt)) * *mass,
-            impulse[1] + (slip[1] - dot(&rows[1], felt)) * *mass,
-        ];
+        let [s, t] = *impulse;
+        let wanted =
+            [s + slip[0] * *mass - felt.dot(first) * *mass, t + slip[1] * *mass - felt.dot(second) * *mass];
         let square = wanted[0] * wanted[0] + wanted[1] * wanted[1];
-        let share = if square > most * most { most / square.sqrt() } else { 1.0 };
-        let mut largest: f64 = 0.0;
-        for axis in [0, 1] {
-            let step = wanted[axis] * share - impulse[axis];
-            impulse[axis] += step;
-            add(felt, step, &rows[axis]);
-            largest = largest.max(step.abs());
-        }
-        largest / *mass
+        // Division and root run at the same time.
+        let share = if square > most * most { square.sqrt() * (most / square) } else { 1.0 };
+        let (mut base, mut along) = (felt.sum(), [0.0; N]);
+        add(&mut base, -s, first);
+        add(&mut base, -t, second);
+        add(&mut along, wanted[0], first);
+        add(&mut along, wanted[1], second);
+        *felt = Felt { base, along, share };
+        *impulse = [wanted[0] * share, wanted[1] * share];
+        (impulse[0] - s).abs().max((impulse[1] - t).abs()) * *mobility
     }
 }

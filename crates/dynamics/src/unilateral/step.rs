@@ -78,12 +78,16 @@ pub fn constrained_step(
         shortened = share < 1.0;
         twist = Twist::new(held.linear * share, held.angular * share);
     }
-    let within = allowed(bound, (&state.pose, &state.pose.moved(&twist, dt)), &twist, dt);
+    let moved = |share: f64| {
+        let twist = Twist::new(twist.linear * share, twist.angular * share);
+        BodyState { pose: state.pose.moved(&twist, dt), twist }
+    };
+    let mut next = moved(1.0);
+    let within = allowed(bound, (&state.pose, &next.pose), &twist, dt);
     let held_back = within < 1.0;
     if held_back {
-        twist = Twist::new(twist.linear * within, twist.angular * within);
+        next = moved(within);
     }
-    let next = BodyState { pose: state.pose.moved(&twist, dt), twist };
     let mut step = frame.ended(state, &next, active, status);
     step.contact += wrench(contacts, dt);
     if step.status.failure.is_some() || !step.contact.is_finite() {
