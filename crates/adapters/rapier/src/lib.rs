@@ -22,7 +22,8 @@
 //!
 //! The haptic loop moves a body itself until the world answers, so that contacts are hard even where the
 //! world is stepped at the rate of a display. What a body leans on is felt as rapier has it: its contacts are
-//! soft, the softer the lighter the bodies are, and at 60 Hz bodies of less than 100 g are restless there.
+//! soft, the softer the lighter the bodies are, and where it is stepped at 60 Hz light bodies are restless
+//! there.
 //!
 //! Contacts with bodies lighter than half the object in the hand, and penalty contacts
 //! ([`Response`](palpate::settings::Response)), are as stiff as is stable with a body of that mass in a world
