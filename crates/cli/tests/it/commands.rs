@@ -1330,9 +1330,10 @@ fn a_hinged_tool_is_rendered_with_a_gripper() {
                 [second]\nmodel = \"forceps-jaw@800\"\nmass = 0.05\nhinge.rotation = [1, 0, 0, 0]\n";
     std::fs::write(folder.join("forceps.toml"), tool).expect("written");
     std::fs::write(folder.join("fingers.csv"), "t,angle\n0,0.5\n0.5,0.0\n1,0.0\n").expect("written");
-    let hand = "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n1,0,0,0,0,0,0,1\n";
+    // A ball of 5 mm lies between the tips of the jaws, on both sides of which they open.
+    let hand =
+        "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,-0.124674733,0.992197667\n0.5,0,0,0,0,0,0,1\n1,0,0,0,0,0,0,1\n";
     std::fs::write(folder.join("hand.csv"), hand).expect("written");
-    // A ball of 5 mm lies between the tips of the jaws.
     let scene = "[[object]]\nmodel = \"ellipsoid@500\"\nscale = 0.2\nposition = [0.045, 0.0, 0.0]\n\
                  [settings]\ntool.grasp = { translation = [0, 0, 0], rotation = [0, 0, 0, 1] }\n";
     std::fs::write(folder.join("scene.toml"), scene).expect("written");
