@@ -384,8 +384,8 @@ fn two_hands_feel_each_other() {
         assert!(above.z > 0.05, "{above} N");
         assert!((above + below).length() < 0.02 * above.length(), "{above} and {below} N");
         let restless = felt[2500..].iter().map(|[force, _]| force.distance(above)).fold(0.0, f64::max);
-        // Penalty contacts with so light an object are soft. Of constraints the sideways force of single steps
-        // changes a little, by 1.1 % when this was written.
+        // Penalty contacts with so light an object are soft. Of constraints the sideways force of single
+        // steps changes a little, by 1.1 % when this was written.
         let (most, wanted) = match settings.contact.response {
             Response::Constraints => (0.02, 0.0..5e-6),
             Response::Penalty => (1e-3, 5e-4..2e-3),

@@ -163,8 +163,8 @@ impl TouchedBodies {
     ///
     /// # Errors
     /// The first update that the session refused; the others are sent. If too many changes wait, the updates
-    /// that were not sent come first in the next call. An object whose body has a pose or velocity that is not
-    /// finite stays where it was.
+    /// that were not sent come first in the next call. An object whose body has a pose or velocity that is
+    /// not finite stays where it was.
     pub fn after_step(&mut self, scene: &mut SceneEditor, bodies: &RigidBodySet) -> Result<(), TouchError> {
         let mut result = Ok(());
         let mut gone = false;

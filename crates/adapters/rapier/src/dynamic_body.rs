@@ -6,10 +6,10 @@ use rapier3d::dynamics::{MassProperties, RigidBody};
 
 use crate::convert::{rotation, vector};
 
-/// Returns the dynamics of a dynamic body in a world that is stepped every `period` (s), with a gravity (m/s²);
-/// `None` if it has no mass. Locked axes count as free, which makes contacts softer than necessary. An axis about which the body
-/// cannot turn gets the largest of its other moments, or that of a ring of a radius (m) if it has none.
-/// Moments that no body can have, as by rounding, are reduced to valid ones.
+/// Returns the dynamics of a dynamic body in a world that is stepped every `period` (s), with a gravity
+/// (m/s²); `None` if it has no mass. Locked axes count as free, which makes contacts softer than necessary.
+/// An axis about which the body cannot turn gets the largest of its other moments, or that of a ring of a
+/// radius (m) if it has none. Moments that no body can have, as by rounding, are reduced to valid ones.
 pub fn dynamic_body(body: &RigidBody, radius: f64, (period, gravity): (f64, DVec3)) -> Option<DynamicBody> {
     let properties = &body.mass_properties().local_mprops;
     let &MassProperties { local_com, inv_mass, inv_principal_inertia, principal_inertia_local_frame } =

@@ -5,10 +5,10 @@
 //!
 //! φ(y) = ½ ‖y‖² + Σ max(0, q − j y)² / 2 c
 //!
-//! is least: as many unknowns as velocities, however many contacts there are, and a matrix 1 + Σ jᵀ j / c over those that push.
-//! φ is convex and quadratic between changes of that set. Newton's method takes whole steps, which mostly
-//! reach the least value in a few; should it not, it goes on to the least value along each step, which ends
-//! after finitely many.
+//! is least: as many unknowns as velocities, however many contacts there are, and a matrix 1 + Σ jᵀ j / c
+//! over those that push. φ is convex and quadratic between changes of that set. Newton's method takes whole
+//! steps, which mostly reach the least value in a few; should it not, it goes on to the least value along
+//! each step, which ends after finitely many.
 
 use arrayvec::ArrayVec;
 

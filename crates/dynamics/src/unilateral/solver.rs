@@ -7,8 +7,8 @@
 //! Σ jᵀ p, a row's velocity is J v − j y, for the free velocity v: both what an impulse does and what a row
 //! feels are one product with j, and all impulses together act as the six numbers y.
 //!
-//! Bodies that contacts push have mobilities of their own, and add six numbers each: a row then has a part for
-//! the body in the hand and one, of opposite sign, for the body that the contact pushes.
+//! Bodies that contacts push have mobilities of their own, and add six numbers each: a row then has a part
+//! for the tool and one, of opposite sign, for the body that the contact pushes.
 
 use arrayvec::ArrayVec;
 use glam::DVec3;

@@ -23,9 +23,9 @@ fn split(
     contacts.split_at_mut(contacts.len().min(most))
 }
 
-/// Moves the contacts to solve for, at most so many, to the front, if not all of them can be: those that pushed in the last
-/// step, and those that the free velocity passes most. The others do not push. Returns the approach with
-/// which one counts as passed, m/s.
+/// Moves the contacts to solve for, at most so many, to the front, if not all of them can be: those that
+/// pushed in the last step, and those that the free velocity passes most. The others do not push. Returns the
+/// approach with which one counts as passed, m/s.
 pub(crate) fn choose(
     contacts: &mut [UnilateralContact],
     most: usize,

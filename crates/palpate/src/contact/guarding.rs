@@ -73,8 +73,8 @@ const MIN_NEAR: f64 = 0.1;
 const CROSSING_LEASH: f64 = 4.0;
 
 impl ContactLoop {
-    /// Whether contacts with the object at a place are constraints. Contacts with light objects that they push,
-    /// and with textured ones, are penalty contacts.
+    /// Whether contacts with the object at a place are constraints. Contacts with light objects that they
+    /// push, and with textured ones, are penalty contacts.
     pub(super) fn is_guarded(&self, place: usize) -> bool {
         counterpart(&self.objects, &self.scene, Some(place)).is_constraint(self.response, self.mass)
             && !self.textures.as_ref().is_some_and(|textures| textures.has(place))

@@ -1,8 +1,8 @@
 //! Steps with unilateral contacts against their optimality conditions and penalty contacts in the limit.
 
+mod hosts;
 mod many;
 mod motion;
-mod pushed;
 
 use arrayvec::ArrayVec;
 use glam::{DMat3, DQuat, DVec3};
