@@ -25,6 +25,10 @@ const MAX_PAST: usize = 64;
 /// jerks at each answer; with more, it stays off for longer.
 const TAKE_OVER: (f64, f64) = (1.0, 2e-3);
 
+/// Difference to the host, m and rad, beyond which a body was put elsewhere and is placed there at once. With
+/// less, it jumps where a host answers late; with more, it strikes what lies on its way.
+const ELSEWHERE: (f64, f64) = (0.05, 1.0);
+
 /// State of a body, told by its host.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HostState {
@@ -191,6 +195,10 @@ impl PushedBody {
             turn: pose.rotation_vector_to(&host.pose),
             twist: Twist::new(host.twist.linear - twist.linear, host.twist.angular - twist.angular),
         };
+        let Difference { shift, turn, .. } = self.off;
+        if shift.length() > ELSEWHERE.0 || turn.length() > ELSEWHERE.1 {
+            self.place(host);
+        }
     }
 
     /// Learns from what the host has said how the body responds.
@@ -198,8 +206,9 @@ impl PushedBody {
         self.response.update(self.coordinates.root_mass, self.delay);
     }
 
-    /// Puts the body where its host says that it is.
+    /// Puts the body where its host says that it is. It then responds as a free one does.
     pub fn place(&mut self, host: &HostState) {
+        self.response = Response::free(self.coordinates.of(&host.pose, &host.twist));
         (self.host, self.pose, self.twist, self.surface) = (*host, host.pose, host.twist, host.twist);
         self.off = Difference::default();
         self.past.clear();
@@ -244,6 +253,10 @@ impl PushedBody {
             self.past.push((time, self.pose, self.twist));
         }
         self.next = (self.next + 1) % MAX_PAST;
+        if !(self.pose.is_valid() && self.twist.is_finite()) {
+            let host = self.host;
+            self.place(&host);
+        }
         (moved.linear.length(), moved.angular.length())
     }
 

@@ -262,3 +262,28 @@ fn a_step_moves_both_bodies() {
         }
     }
 }
+
+/// A body that its host puts elsewhere is there at once, and one that was pushed with no number is where its
+/// host says.
+#[test]
+fn a_body_that_is_put_elsewhere_is_there() {
+    let told = host(0.0, 0.0, 0.1);
+    let mut pushed = PushedBody::new(&solid(0.1), &told);
+    pushed.set_delay(0.02);
+    let step = |pushed: &mut PushedBody, impulse: DVec3| {
+        pushed.begin(DT);
+        pushed.push(impulse, DVec3::ZERO);
+        pushed.end(DT, DT);
+        pushed.pose().translation.z
+    };
+    assert!((step(&mut pushed, DVec3::ZERO) - 0.1 * DT).abs() < 1e-15);
+    // A small difference is taken over gradually.
+    pushed.hear(&host(DT, 0.01, 0.1));
+    let after = step(&mut pushed, DVec3::ZERO);
+    assert!(after > 2e-4 && after < 2e-3, "{after} m");
+    pushed.hear(&host(DT, 0.5, 0.0));
+    assert_eq!(pushed.pose().translation.z, 0.5);
+    step(&mut pushed, DVec3::NAN);
+    assert_eq!(pushed.pose().translation.z, 0.5);
+    assert_eq!(step(&mut pushed, DVec3::ZERO), 0.5);
+}
