@@ -407,7 +407,7 @@ impl<T: Tool> HapticLoop<T> {
                 self.telemetry.events.reaction_dropped += reacting.add(body.blend.contacts(), &state, dt);
             }
         }
-        reacting.pass_on();
+        self.telemetry.events.reaction_dropped += reacting.pass_on();
         for (index, monitor) in &mut self.outputs.constraints {
             let Some(body) = self.bodies.get(*index) else { continue };
             body.write_constraints(&self.tool.body_state(*index), dt, monitor.input_buffer_mut());

@@ -15,6 +15,10 @@ use crate::scene::SceneId;
 /// queue is full, they are summed until there is room.
 const MAX_WAITING: usize = 4096;
 
+/// Largest number of reactions that wait for another hand. With more, an object whose loop has stood still is
+/// struck by all of them at once; with fewer, some are lost between loops of different rates.
+const MAX_WAITING_IN_HAND: usize = 16;
+
 /// Largest number of objects whose reactions are summed: as many as a contact model can have.
 const MAX_OBJECTS: usize = MAX_CONSTRAINTS;
 
@@ -83,7 +87,7 @@ impl ReactionFeed {
 
     /// Sends reactions on an object to another hand from the next step on.
     pub fn route(&mut self, object: SceneId) -> Consumer<Reaction> {
-        let (ring, waiting) = RingBuffer::new(MAX_WAITING);
+        let (ring, waiting) = RingBuffer::new(MAX_WAITING_IN_HAND);
         self.routes.push((object, ring));
         waiting
     }
@@ -124,15 +128,19 @@ impl ReactionFeed {
     }
 
     /// Sends the sums, as far as there is room. Called in every step, so that no sum waits for the next
-    /// contact.
-    pub fn pass_on(&mut self) {
+    /// contact. Returns the number of those that another hand had no room for, which are lost.
+    pub fn pass_on(&mut self) -> u64 {
         let Self { ring, routes, sums, .. } = self;
+        let mut lost = 0;
         sums.retain(|sum| {
-            let route = routes.iter_mut().find(|(object, _)| *object == sum.object);
-            let ring = route.map(|(_, ring)| ring).or(ring.as_mut());
+            if let Some((_, route)) = routes.iter_mut().find(|(object, _)| *object == sum.object) {
+                lost += u64::from(route.push(*sum).is_err());
+                return false;
+            }
             // Without a taker, it is not kept.
-            ring.is_some_and(|ring| ring.push(*sum).is_err())
+            ring.as_mut().is_some_and(|ring| ring.push(*sum).is_err())
         });
+        lost
     }
 }
 
@@ -173,13 +181,13 @@ mod tests {
             };
             for step in 1..=steps {
                 assert_eq!(reacting.add(&model, &state, 1e-3), 0);
-                reacting.pass_on();
+                assert_eq!(reacting.pass_on(), 0);
                 if step % every == 0 {
                     take();
                 }
             }
             // The sums are sent with the next step, contact or not.
-            reacting.pass_on();
+            assert_eq!(reacting.pass_on(), 0);
             take();
             let wanted = DVec3::NEG_Z * (1e-3 * f64::from(steps));
             for (object, sum) in sums.iter().enumerate() {
@@ -187,5 +195,20 @@ mod tests {
                 assert!((*sum - wanted).length() < 1e-9, "every {every}, object {object}: {sum}");
             }
         }
+    }
+
+    /// A hand that stands still is not struck by all that has waited for it.
+    #[test]
+    fn another_hand_keeps_only_the_first_reactions() {
+        let mut reacting = ReactionFeed::default();
+        let mut waiting = reacting.route(SceneId(0));
+        let mut lost = 0;
+        for _ in 0..100 {
+            let object = NonZeroU32::new(1).expect("not zero");
+            assert_eq!(reacting.push(object, DVec3::Z, DVec3::ZERO), 0);
+            lost += reacting.pass_on();
+        }
+        let taken = std::iter::from_fn(|| waiting.pop().ok()).map(|reaction| reaction.linear.z).sum::<f64>();
+        assert_eq!((taken, lost), (16.0, 84));
     }
 }
