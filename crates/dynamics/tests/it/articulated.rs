@@ -454,6 +454,45 @@ fn free_motion_converges_at_first_order() {
 }
 
 /// With its hinge held, the tool moves as the composite body does: against the step of one body.
+/// A tool whose hinge is held, and the one body that it then is.
+struct Whole {
+    scene: Scene,
+    body: Body,
+    /// Centre of mass from the first body's, in its axes, m.
+    centre: DVec3,
+    coupling: VirtualCoupling,
+    state: BodyState,
+}
+
+impl Whole {
+    /// A tool at a state, at a random grasp and off the device. The grip is given by its stiffness and
+    /// damping, N·m/rad and N·m·s/rad.
+    fn random(
+        rng: &mut StdRng,
+        tool: ArticulatedBody,
+        state: &ArticulatedState,
+        (stiffness, damping): (f64, f64),
+    ) -> Self {
+        let (body, centre) = tool.composite(state.angle);
+        let mut scene = Scene::free(tool);
+        let grasp = random_pose(rng, 0.05);
+        let about_centre = Pose::new(grasp.translation - centre, grasp.rotation);
+        let coupling = VirtualCoupling::critically_damped(&body, about_centre, 300.0, 0.5);
+        scene.coupling = VirtualCoupling { grasp, ..coupling };
+        let displaced = Twist::new(random_vector(rng, 0.01), random_vector(rng, 0.4));
+        scene.device = DeviceMotion::at_rest((state.first.pose * grasp).moved(&displaced, 1.0));
+        scene.grip = GripperCoupling { stiffness, damping, max_torque: f64::INFINITY };
+        scene.gripper = GripperMotion::at_rest(state.angle);
+        let BodyState { pose, twist } = state.first;
+        let arm = pose.transform_vector(centre);
+        let state = BodyState {
+            pose: Pose::new(pose.translation + arm, pose.rotation),
+            twist: Twist { linear: twist.velocity_at(arm), ..twist },
+        };
+        Self { scene, body, centre, coupling, state }
+    }
+}
+
 #[test]
 fn with_its_hinge_held_the_tool_moves_as_one_body() {
     let seed = 125;
@@ -462,16 +501,8 @@ fn with_its_hinge_held_the_tool_moves_as_one_body() {
     for case in 0..60 {
         let tool = random_tool(&mut rng, 0.05, FREE);
         let mut state = ArticulatedState { rate: 0.0, ..random_state(&mut rng, 0.2, 2.0) };
-        let (body, centre) = tool.composite(state.angle);
-        let mut scene = Scene::free(tool);
-        let grasp = random_pose(&mut rng, 0.05);
-        let about_centre = Pose::new(grasp.translation - centre, grasp.rotation);
-        let one = VirtualCoupling::critically_damped(&body, about_centre, 300.0, 0.5);
-        scene.coupling = VirtualCoupling { grasp, ..one };
-        let displaced = Twist::new(random_vector(&mut rng, 0.01), random_vector(&mut rng, 0.4));
-        scene.device = DeviceMotion::at_rest((state.first.pose * grasp).moved(&displaced, 1.0));
-        scene.grip = GripperCoupling { stiffness: 1e7, damping: 1e5, max_torque: f64::INFINITY };
-        scene.gripper = GripperMotion::at_rest(state.angle);
+        let Whole { mut scene, body, centre, coupling: one, state: mut whole } =
+            Whole::random(&mut rng, tool, &state, (1e7, 1e5));
         scene.gravity = DVec3::NEG_Z * 9.81;
         let friction = Friction::coulomb([0.0, 0.0, 0.3][case % 3]);
         let parameters = ContactParameters { stiffness: 2000.0, damping: 1.0, tolerance: 0.001, friction };
@@ -490,11 +521,6 @@ fn with_its_hinge_held_the_tool_moves_as_one_body() {
             c.anchor.rotation = axes;
             contacts.push_constraint(c);
         }
-        let arm = state.first.pose.transform_vector(centre);
-        let mut whole = BodyState {
-            pose: Pose::new(state.first.pose.translation + arm, axes),
-            twist: Twist { linear: state.first.twist.velocity_at(arm), ..state.first.twist },
-        };
         let (mut pushed, mut off, mut apart) = (false, 0.0_f64, 0.0);
         for _ in 0..2000 {
             let step = scene.step(&state, STEP);
@@ -875,22 +901,9 @@ fn with_its_hinge_held_a_tool_meets_surfaces_as_one_body() {
     for case in 0..200 {
         let tool = random_tool(&mut rng, 0.05, FREE);
         let state = ArticulatedState { rate: 0.0, ..random_state(&mut rng, 0.1, 2.0) };
-        let (body, centre) = tool.composite(state.angle);
-        let mut scene = Scene::free(tool);
-        let grasp = random_pose(&mut rng, 0.05);
-        let about_centre = Pose::new(grasp.translation - centre, grasp.rotation);
-        let one = VirtualCoupling::critically_damped(&body, about_centre, 300.0, 0.5);
-        scene.coupling = VirtualCoupling { grasp, ..one };
-        let displaced = Twist::new(random_vector(&mut rng, 0.01), random_vector(&mut rng, 0.4));
-        scene.device = DeviceMotion::at_rest((state.first.pose * grasp).moved(&displaced, 1.0));
-        scene.grip = GripperCoupling { stiffness: 1e9, damping: 1e7, max_torque: f64::INFINITY };
-        scene.gripper = GripperMotion::at_rest(state.angle);
+        let Whole { scene, body, centre, coupling: one, state: whole } =
+            Whole::random(&mut rng, tool, &state, (1e9, 1e7));
         let friction = [0.0, 0.3][case % 2];
-        let arm = state.first.pose.transform_vector(centre);
-        let whole = BodyState {
-            pose: Pose::new(state.first.pose.translation + arm, state.first.pose.rotation),
-            twist: Twist { linear: state.first.twist.velocity_at(arm), ..state.first.twist },
-        };
         let [mut first, mut second] = [0, 1].map(|_| random_unilateral(&mut rng, 4, friction));
         let from_centre = |center: DVec3| {
             move |contact: &UnilateralContact| UnilateralContact {
