@@ -69,8 +69,8 @@ pub(crate) trait Moved<const N: usize> {
     fn free(&self, index: usize) -> &Twist;
 }
 
-/// Writes the part of a contact's scaled row that is of the bodies that it pushes, for centres of mass of the
-/// tool's body at `center` (m).
+/// Writes the part of a contact's scaled row that is of the body that it pushes. The contact's arm is from
+/// `center`, m.
 #[inline(always)]
 pub(crate) fn push_row(
     row: &mut [f64],

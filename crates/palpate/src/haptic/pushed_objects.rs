@@ -64,7 +64,7 @@ impl PushedObjects {
                 body.learn();
             }
         }
-        for index in (0..self.places.len()).rev().filter(|index| *index < MAX_OBJECTS) {
+        for index in (0..self.places.len()).rev() {
             if self.places[index].near == 0 {
                 self.places.swap_remove(index);
                 self.bodies.swap_remove(index);
