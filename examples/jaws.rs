@@ -8,7 +8,6 @@ use std::f64::consts::TAU;
 
 use palpate::device::Emulation;
 use palpate::glam::DVec3;
-use palpate::settings::SearchSettings;
 use palpate::{HapticRenderer, Pose, Scene, Settings};
 use palpate_examples::{Options, open_all, path, smooth};
 
@@ -18,12 +17,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let path = path(options.seconds, chewing)?;
     let device = Emulation::default().open(path)?;
     let scene = Scene::new().with(lower, Pose::IDENTITY);
-    // Contact begins at 0.1 mm, a small part of the relief of the teeth.
-    let settings = Settings {
-        search: SearchSettings { tolerance: Some(1e-4), ..SearchSettings::default() },
-        ..Settings::default()
-    };
-    let renderer = HapticRenderer::new(upper, scene, Box::new(device), settings)?;
+    let renderer = HapticRenderer::new(upper, scene, Box::new(device), Settings::default())?;
     options.render("jaws", "Upper jaw over lower jaw", renderer)?;
     Ok(())
 }

@@ -17,7 +17,7 @@ use super::{ArticulatedFrame, ArticulatedState, ArticulatedStep};
 use crate::step::StepFailure;
 use crate::system::six;
 use crate::unilateral::tool::{
-    Moved, Pushed, Rows, Solver, Vector, allowed, changed, choose, mobility_factor, push_row, recovery,
+    Moved, Pushed, Rows, Solver, Vector, allowed, changed, choose, mobility_factor, push_row, recover,
     scaled, share, wrench,
 };
 use crate::unilateral::{MAX_UNILATERAL, MotionBound, PushedBody, UnilateralContact};
@@ -101,8 +101,9 @@ pub fn constrained_articulated_step(
         if !(first.is_empty() && second.is_empty()) {
             let Some(factor) = mobility_factor(system.matrix(active)) else { return singular() };
             let free = system.twists(&motion);
-            let times = (dt, recovery(frame.coupling));
-            let passed = [choose(first, MOST, &free[0], times), choose(second, MOST, &free[1], times)];
+            recover(first, frame.coupling, dt);
+            recover(second, frame.coupling, dt);
+            let passed = [choose(first, MOST, &free[0], dt), choose(second, MOST, &free[1], dt)];
             let (of_first, of_second) = (first.len().min(MOST), second.len().min(MOST));
             let mut solved = ArrayVec::<UnilateralContact, MAX_UNILATERAL>::new();
             solved.extend(first[..of_first].iter().chain(&second[..of_second]).copied());
@@ -119,7 +120,7 @@ pub fn constrained_articulated_step(
                 1 => find::<13>,
                 _ => find::<25>,
             };
-            let (taken, converged) = solve(&mut solved, &moved, times);
+            let (taken, converged) = solve(&mut solved, &moved, dt);
             status.unconverged = !converged;
             for (contact, solved) in first[..of_first].iter_mut().chain(&mut second[..of_second]).zip(&solved)
             {
@@ -157,15 +158,11 @@ pub fn constrained_articulated_step(
     })
 }
 
-/// Finds the impulses of contacts in a step of `dt` (s) with a largest recovery velocity (m/s). Returns what
-/// they take off the tool's motion, and whether they converged.
-fn find<const N: usize>(
-    contacts: &mut [UnilateralContact],
-    moved: &Linked<'_>,
-    times: (f64, f64),
-) -> (Motion, bool) {
+/// Finds the impulses of contacts in a step of `dt` (s). Returns what they take off the tool's motion, and
+/// whether they converged.
+fn find<const N: usize>(contacts: &mut [UnilateralContact], moved: &Linked<'_>, dt: f64) -> (Motion, bool) {
     let mut rows = Rows::<N>::default();
-    let (felt, converged) = Solver::new(contacts, moved, times, &mut rows).solve();
+    let (felt, converged) = Solver::new(contacts, moved, dt, &mut rows).solve();
     rows.store(contacts);
     (Motion::from_array(changed(&moved.factor, &felt)), converged)
 }

@@ -67,7 +67,7 @@ pub use outcome::{Step, StepFailure, StepStatus};
 pub use system::MAX_SOLVES;
 #[cfg(feature = "integrators")]
 pub(crate) use system::carried_momentum;
-pub(crate) use system::{FREE_SOLVES, System};
+pub(crate) use system::{FREE_SOLVES, Solution, System};
 
 /// Advances the body by `dt` (s) under the coupling, the contacts and `gravity` (m/s²), and evaluates the
 /// wrench for the device at the new state.
@@ -93,7 +93,7 @@ pub fn semi_implicit_step(
 
     let mut candidates = ArrayVec::new();
     let mut system = System::new(&frame, state, dt, &mut candidates);
-    let Some((change, active, status)) = system.solve() else {
+    let Some(Solution { change, active, status, .. }) = system.solve() else {
         return Step::failed(state, StepFailure::Singular);
     };
 

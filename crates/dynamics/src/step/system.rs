@@ -26,6 +26,17 @@ pub const MAX_SOLVES: u32 = FREE_SOLVES + MAX_CONSTRAINTS as u32 + 1;
 /// with sliding contacts take more solves.
 const SHARE_TOLERANCE: f64 = 0.01;
 
+/// Outcome of a search.
+pub(crate) struct Solution {
+    /// Change of the velocity.
+    pub change: Twist,
+    /// The active set.
+    pub active: u64,
+    /// Matrix of its system.
+    pub matrix: [[f64; 6]; 6],
+    pub status: StepStatus,
+}
+
 /// The terms of one step's linear systems, from which the system of any active set is assembled.
 pub(crate) struct System<'a> {
     contacts: &'a LinearContactModel,
@@ -264,12 +275,12 @@ impl<'a> System<'a> {
         (pushing, closed)
     }
 
-    /// Searches the active set. Returns the change of velocity, the set and the status of the search; `None`
-    /// if a system is singular.
+    /// Searches the active set; `None` if a system is singular.
     ///
     /// The set of the next solve is the predicted one, without the contacts left to the next step. From
     /// [`FREE_SOLVES`] on it is also a subset of the present one, so that the search ends.
-    pub(crate) fn solve(&mut self) -> Option<(Twist, u64, StepStatus)> {
+    #[inline(always)]
+    pub(crate) fn solve(&mut self) -> Option<Solution> {
         let mut status = StepStatus::default();
         let mut left_for_next = 0_u64;
         let mut active = self.linearise_contacts();
@@ -291,7 +302,7 @@ impl<'a> System<'a> {
             let settled = next == active && (self.shares_converged || status.solves >= FREE_SOLVES);
             if settled || status.solves >= MAX_SOLVES {
                 status.active_set_unsettled = wanted != active;
-                return Some((change, active, status));
+                return Some(Solution { change, active, matrix: linear.matrix, status });
             }
             active = next;
         }

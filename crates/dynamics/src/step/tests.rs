@@ -157,7 +157,7 @@ fn active_set_never_attracts_and_always_ends() {
         };
         let mut candidates = ArrayVec::new();
         let mut system = System::new(&frame, &state, 1e-3, &mut candidates);
-        let (change, active, status) = system.solve().expect("regular");
+        let Solution { change, active, status, .. } = system.solve().expect("regular");
         let (pushing, _) = system.predict(&change);
         assert_eq!(active & !pushing, 0, "seed {seed}, case {case}: an active contact attracts");
         most = most.max(status.solves);

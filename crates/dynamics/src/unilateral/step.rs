@@ -12,7 +12,7 @@ use super::{MAX_UNILATERAL, MotionBound, UnilateralContact};
 use crate::body::BodyState;
 use crate::coupling::VirtualCoupling;
 use crate::linear_solve::{inverse, inverse_definite};
-use crate::step::{Frame, Step, StepFailure, System};
+use crate::step::{Frame, Solution, Step, StepFailure, System};
 
 /// Force in the coupling's damper, N, with which an overlap is undone: less than a hand feels as a push.
 const RECOVERY_FORCE: f64 = 0.05;
@@ -56,16 +56,16 @@ pub fn constrained_step(
     }
     let mut candidates = ArrayVec::new();
     let mut system = System::new(frame, state, dt, &mut candidates);
-    let Some((change, active, mut status)) = system.solve() else {
+    let Some(Solution { change, active, matrix, mut status }) = system.solve() else {
         return Step::failed(state, StepFailure::Singular).into();
     };
     let mut twist = Twist::new(state.twist.linear + change.linear, state.twist.angular + change.angular);
     let mut shortened = false;
     if !contacts.is_empty() {
-        let Some(factor) = mobility_factor(system.assemble(active).matrix) else {
+        let Some(factor) = mobility_factor(matrix) else {
             return Step::failed(state, StepFailure::Singular).into();
         };
-        let recovery = recovery(frame.coupling);
+        recover(contacts, frame.coupling, dt);
         let pushed = Pushed::new(pushed, &*contacts);
         let moved = Single { free: &twist, factor: &factor, center: state.pose.translation, pushed: &pushed };
         let solve = match pushed.len() {
@@ -73,7 +73,7 @@ pub fn constrained_step(
             1 => solved::<12>,
             _ => solved::<{ 6 + 6 * MAX_PUSHED }>,
         };
-        let (held, share, converged) = solve(contacts, &moved, (dt, recovery));
+        let (held, share, converged) = solve(contacts, &moved, dt);
         status.unconverged = !converged;
         shortened = share < 1.0;
         twist = Twist::new(held.linear * share, held.angular * share);
@@ -98,26 +98,25 @@ pub fn constrained_step(
     ConstrainedStep { step, held_back: held_back || shortened }
 }
 
-/// Finds the impulses of contacts of a body in a step of `dt` (s) with a largest recovery velocity (m/s).
-/// Returns its velocity with them, the share of the step that passes no surface, and whether the impulses
-/// converged.
+/// Finds the impulses of contacts of a body in a step of `dt` (s). Returns its velocity with them, the share
+/// of the step that passes no surface, and whether the impulses converged.
 fn solved<const N: usize>(
     contacts: &mut [UnilateralContact],
     moved: &Single<'_>,
-    (dt, recovery): (f64, f64),
+    dt: f64,
 ) -> (Twist, f64, bool) {
-    let passed = choose(contacts, MAX_UNILATERAL, moved.free, (dt, recovery));
+    let passed = choose(contacts, MAX_UNILATERAL, moved.free, dt);
     let mut exchanges = 0;
     loop {
         let mut rows = Rows::<N>::default();
-        let (felt, converged) = Solver::new(contacts, moved, (dt, recovery), &mut rows).solve();
+        let (felt, converged) = Solver::new(contacts, moved, dt, &mut rows).solve();
         rows.store(contacts);
         let [vx, vy, vz, wx, wy, wz] = changed(moved.factor, &felt);
         let held = Twist {
             linear: moved.free.linear - DVec3::new(vx, vy, vz),
             angular: moved.free.angular - DVec3::new(wx, wy, wz),
         };
-        if exchanges == MAX_EXCHANGES || !exchange(contacts, &held, passed, (dt, recovery)) {
+        if exchanges == MAX_EXCHANGES || !exchange(contacts, &held, passed, dt) {
             return (held, share(contacts, MAX_UNILATERAL, &held, passed, dt), converged);
         }
         exchanges += 1;
@@ -133,9 +132,11 @@ pub(crate) fn changed<const D: usize, const N: usize>(
     std::array::from_fn(|row| dot(&factor[row], &own))
 }
 
-/// Largest speed at which a tool with a coupling recovers from an overlap, m/s.
-pub(crate) fn recovery(coupling: &VirtualCoupling) -> f64 {
-    (RECOVERY_FORCE / coupling.linear_damping).min(MAX_RECOVERY)
+/// Sets the speeds at which the overlaps of a tool with a coupling are undone in a step of `dt` (s).
+#[inline(always)]
+pub(crate) fn recover(contacts: &mut [UnilateralContact], coupling: &VirtualCoupling, dt: f64) {
+    let most = (RECOVERY_FORCE / coupling.linear_damping).min(MAX_RECOVERY);
+    contacts.iter_mut().for_each(|contact| contact.recover(dt, most));
 }
 
 /// The lower factor K of the mobility, for a step's matrix; `None` if that is singular.

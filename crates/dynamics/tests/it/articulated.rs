@@ -884,6 +884,7 @@ fn random_unilateral(rng: &mut StdRng, count: usize, friction: f64) -> Vec<Unila
         velocity: random_vector(rng, 0.02),
         friction,
         impulse: DVec3::ZERO,
+        recovery: 0.0,
         pushed: None,
         key: 0,
     };
@@ -971,6 +972,7 @@ fn blades_that_close_do_not_pass() {
             velocity: DVec3::ZERO,
             friction: 0.0,
             impulse,
+            recovery: 0.0,
             pushed: None,
             key: 0,
         }];

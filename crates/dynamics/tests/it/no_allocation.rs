@@ -84,6 +84,7 @@ fn steps_with_unilateral_contacts_allocate_nothing() {
         velocity: DVec3::ZERO,
         friction: 0.3,
         impulse: DVec3::ZERO,
+        recovery: 0.0,
         pushed: None,
         key: i as u16,
     };
