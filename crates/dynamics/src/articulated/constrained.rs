@@ -17,7 +17,7 @@ use super::{ArticulatedFrame, ArticulatedState, ArticulatedStep};
 use crate::step::StepFailure;
 use crate::system::six;
 use crate::unilateral::tool::{
-    Moved, Pushed, Rows, Solver, Vector, allowed, changed, choose, mobility_factor, push_row, recover,
+    Moved, Pushed, Rows, Solver, Vector, allowed, changed, choose, mobility_factor, next_recovery, push_row,
     scaled, share, wrench,
 };
 use crate::unilateral::{MAX_UNILATERAL, MotionBound, PushedBody, UnilateralContact};
@@ -32,12 +32,14 @@ pub struct ConstrainedToolStep {
     pub step: ArticulatedStep,
     /// Whether the step was shortened, by a bound on motion or for contacts that were not solved for.
     pub held_back: bool,
+    /// Recovery velocity, m/s.
+    pub recovery: f64,
 }
 
 impl From<ArticulatedStep> for ConstrainedToolStep {
-    /// A step that was not shortened.
+    /// A step without contacts, or one that was refused.
     fn from(step: ArticulatedStep) -> Self {
-        Self { step, held_back: false }
+        Self { step, held_back: false, recovery: 0.0 }
     }
 }
 
@@ -77,7 +79,8 @@ impl<const N: usize> Moved<N> for Linked<'_> {
 
 /// Advances a tool by `dt` (s) as [`articulated_step`](super::articulated_step) does, without passing the
 /// surfaces of unilateral `contacts` of the first body and of the second, and no further than their `bounds`.
-/// Updates the contacts' impulses. The contacts' arms are from their body's centre of mass.
+/// `recovery` is the recovery velocity of the last step (m/s), or 0. Updates the contacts' impulses. The
+/// contacts' arms are from their body's centre of mass.
 ///
 /// Refuses the same inputs, and keeps the same rules: nothing is allocated and nothing panics.
 pub fn constrained_articulated_step(
@@ -86,6 +89,7 @@ pub fn constrained_articulated_step(
     contacts: [&mut [UnilateralContact]; 2],
     pushed: &[PushedBody],
     bounds: &[MotionBound; 2],
+    mut recovery: f64,
     dt: f64,
 ) -> ConstrainedToolStep {
     if let Some(refused) = frame.refused(state, dt) {
@@ -98,12 +102,12 @@ pub fn constrained_articulated_step(
         let start = *system.start();
         let mut motion = start.plus(&change, 1.0);
         let mut held_back = false;
+        recovery = next_recovery(recovery, first.iter().chain(&*second), frame.coupling, dt);
         if !(first.is_empty() && second.is_empty()) {
             let Some(factor) = mobility_factor(system.matrix(active)) else { return singular() };
             let free = system.twists(&motion);
-            recover(first, frame.coupling, dt);
-            recover(second, frame.coupling, dt);
-            let passed = [choose(first, MOST, &free[0], dt), choose(second, MOST, &free[1], dt)];
+            let times = (dt, recovery);
+            let passed = [choose(first, MOST, &free[0], times), choose(second, MOST, &free[1], times)];
             let (of_first, of_second) = (first.len().min(MOST), second.len().min(MOST));
             let mut solved = ArrayVec::<UnilateralContact, MAX_UNILATERAL>::new();
             solved.extend(first[..of_first].iter().chain(&second[..of_second]).copied());
@@ -120,7 +124,7 @@ pub fn constrained_articulated_step(
                 1 => find::<13>,
                 _ => find::<25>,
             };
-            let (taken, converged) = solve(&mut solved, &moved, dt);
+            let (taken, converged) = solve(&mut solved, &moved, times);
             status.unconverged = !converged;
             for (contact, solved) in first[..of_first].iter_mut().chain(&mut second[..of_second]).zip(&solved)
             {
@@ -154,15 +158,19 @@ pub fn constrained_articulated_step(
             first.iter_mut().chain(&mut *second).for_each(|contact| contact.impulse = DVec3::ZERO);
             return ArticulatedStep::failed(state, StepFailure::Overflow).into();
         }
-        ConstrainedToolStep { step, held_back }
+        ConstrainedToolStep { step, held_back, recovery }
     })
 }
 
-/// Finds the impulses of contacts in a step of `dt` (s). Returns what they take off the tool's motion, and
-/// whether they converged.
-fn find<const N: usize>(contacts: &mut [UnilateralContact], moved: &Linked<'_>, dt: f64) -> (Motion, bool) {
+/// Finds the impulses of contacts in a step of `dt` (s) with a largest recovery velocity (m/s). Returns what
+/// they take off the tool's motion, and whether they converged.
+fn find<const N: usize>(
+    contacts: &mut [UnilateralContact],
+    moved: &Linked<'_>,
+    times: (f64, f64),
+) -> (Motion, bool) {
     let mut rows = Rows::<N>::default();
-    let (felt, converged) = Solver::new(contacts, moved, dt, &mut rows).solve();
+    let (felt, converged) = Solver::new(contacts, moved, times, &mut rows).solve();
     rows.store(contacts);
     (Motion::from_array(changed(&moved.factor, &felt)), converged)
 }

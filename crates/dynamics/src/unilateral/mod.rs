@@ -14,13 +14,14 @@
 //!
 //! # Overlap
 //!
-//! A contact that is found with an overlap (g < 0) asks for an outward velocity r that sets in and lets the
-//! overlap fade with a time constant T of 10 ms, and is at most r_max, however deep the overlap is:
+//! A contact that is found with an overlap (g < 0) asks for an outward velocity min(−g/T, r), with which the
+//! overlap fades in about T = 5 ms. The recovery velocity r sets in for the deepest overlap:
 //!
-//! T ṙ = min(−g/T, r_max) − r
+//! T ṙ = min(max(−g)/T, r_max) − r
 //!
-//! Pushing it out by its depth in one step, or by a spring, would give the body energy that the hand did not
-//! put in; a velocity that sets in at once would be felt as a jump in the coupling's damper.
+//! Without it each overlap of a micrometre that is found would be felt as a jump in the coupling's damper.
+//! Pushing a body out by the depth in one step, or by a spring, would give it energy that the hand did not
+//! put in.
 //!
 //! # Many contacts
 //!
@@ -54,7 +55,7 @@ mod working_set;
 pub(crate) mod tool {
     pub(crate) use super::pushed::Pushed;
     pub(crate) use super::solver::{Moved, Rows, Solver, push_row, scaled};
-    pub(crate) use super::step::{allowed, changed, mobility_factor, recover, wrench};
+    pub(crate) use super::step::{allowed, changed, mobility_factor, next_recovery, wrench};
     pub(crate) use super::vector::Vector;
     pub(crate) use super::working_set::{choose, share};
 }
@@ -70,7 +71,7 @@ pub const MAX_UNILATERAL: usize = 64;
 
 /// T, s. With less, each overlap of a micrometre that comes and goes is felt in the coupling's damper; with
 /// more, overlaps last.
-const RECOVERY_TIME: f64 = 10e-3;
+const RECOVERY_TIME: f64 = 5e-3;
 
 /// A contact that holds a point of the body on one side of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,8 +89,6 @@ pub struct UnilateralContact {
     /// Impulse of the body on the surface in the last step, N·s, world axes: the start of the iteration, and
     /// its result.
     pub impulse: DVec3,
-    /// r: speed at which the overlap was undone in the last step, m/s, and then in this one. 0 to start with.
-    pub recovery: f64,
     /// Index of the body behind the surface among those that the step pushes; `None` for one that does not
     /// give way.
     pub pushed: Option<u8>,
@@ -98,19 +97,12 @@ pub struct UnilateralContact {
 }
 
 impl UnilateralContact {
-    /// Sets the speed at which the overlap is undone in a step of `dt` (s), at most `most` (m/s).
+    /// Approach of the surfaces, with a velocity of the body, beyond what a step of `dt` (s) allows, m/s; an
+    /// overlap recovers with a velocity of at most `recovery` (m/s).
     #[inline(always)]
-    fn recover(&mut self, dt: f64, most: f64) {
-        let within = |speed: f64| speed.min(most).max(0.0);
-        let (before, wanted) = (within(self.recovery), within(-self.gap / RECOVERY_TIME));
-        self.recovery = before + (dt / RECOVERY_TIME).min(1.0) * (wanted - before);
-    }
-
-    /// Approach of the surfaces, with a velocity of the body, beyond what a step of `dt` (s) allows, m/s.
-    #[inline(always)]
-    fn excess(&self, twist: &Twist, dt: f64) -> f64 {
-        let Self { arm, normal, gap, velocity, recovery, .. } = *self;
-        let allowed = if gap < 0.0 { -recovery } else { gap / dt };
+    fn excess(&self, twist: &Twist, dt: f64, recovery: f64) -> f64 {
+        let Self { arm, normal, gap, velocity, .. } = *self;
+        let allowed = if gap < 0.0 { (gap / RECOVERY_TIME).max(-recovery) } else { gap / dt };
         normal.dot(twist.velocity_at(arm) - velocity) - allowed
     }
 }

@@ -32,7 +32,7 @@ pub(super) const ROUND_TOLERANCE: f64 = 1e-4;
 
 /// Compliance of a contact relative to the body's own mobility along it. Without it the impulses of redundant
 /// contacts are not unique and wander; with much more, contacts are felt to yield.
-pub(super) const COMPLIANCE: f64 = 1e-5;
+pub(super) const COMPLIANCE: f64 = 1e-4;
 
 /// Friction of one contact that has pushed.
 #[derive(Clone, Copy)]
@@ -141,14 +141,19 @@ pub(crate) fn scaled<const D: usize>(factor: &[Vector<D>; D], row: &Vector<D>) -
 }
 
 impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
-    /// Prepares contacts of what they move for a step of `dt` (s).
-    pub fn new(contacts: &'a [UnilateralContact], moved: &'a M, dt: f64, rows: &'a mut Rows<N>) -> Self {
+    /// Prepares contacts of what they move for a step of `dt` (s) with a largest recovery velocity (m/s).
+    pub fn new(
+        contacts: &'a [UnilateralContact],
+        moved: &'a M,
+        (dt, recovery): (f64, f64),
+        rows: &'a mut Rows<N>,
+    ) -> Self {
         let contacts = &contacts[..contacts.len().min(MAX_UNILATERAL)];
         let mut solver = Self { contacts, moved, rows, pressed: [0.0; N], rubbed: [0.0; N], ready: 0 };
         for (index, contact) in contacts.iter().enumerate() {
             let UnilateralContact { normal, impulse, .. } = *contact;
             let row = moved.row(index, contact, normal);
-            let excess = contact.excess(moved.free(index), dt);
+            let excess = contact.excess(moved.free(index), dt, recovery);
             let stiffness = 1.0 / (COMPLIANCE * dot(&row, &row));
             let impulse_before = normal.dot(impulse);
             solver.rows.normals.push(Side { row, excess, stiffness }, impulse_before > 0.0);

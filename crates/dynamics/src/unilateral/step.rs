@@ -8,7 +8,7 @@ use super::pushed::{MAX_PUSHED, Pushed, PushedBody};
 use super::solver::{Rows, Single, Solver};
 use super::vector::{Vector, dot};
 use super::working_set::{MAX_EXCHANGES, choose, exchange, share};
-use super::{MAX_UNILATERAL, MotionBound, UnilateralContact};
+use super::{MAX_UNILATERAL, MotionBound, RECOVERY_TIME, UnilateralContact};
 use crate::body::BodyState;
 use crate::coupling::VirtualCoupling;
 use crate::linear_solve::{inverse, inverse_definite};
@@ -27,18 +27,21 @@ pub struct ConstrainedStep {
     pub step: Step,
     /// Whether the step was shortened, by the bound on motion or for contacts that were not solved for.
     pub held_back: bool,
+    /// Recovery velocity, m/s.
+    pub recovery: f64,
 }
 
 impl From<Step> for ConstrainedStep {
-    /// A step that was not shortened.
+    /// A step without contacts, or one that was refused.
     fn from(step: Step) -> Self {
-        Self { step, held_back: false }
+        Self { step, held_back: false, recovery: 0.0 }
     }
 }
 
 /// Advances the body by `dt` (s) as [`semi_implicit_step`](crate::semi_implicit_step) does, without passing
-/// the surfaces of unilateral `contacts`, and no further than a `bound`. Updates the contacts' impulses. Of
-/// the bodies that contacts push, those from the fourth on do not give way in this step.
+/// the surfaces of unilateral `contacts`, and no further than a `bound`. `recovery` is the recovery velocity
+/// of the last step (m/s), or 0. Updates the contacts' impulses. Of the bodies that contacts push, those from
+/// the fourth on do not give way in this step.
 ///
 /// Where there are more than [`MAX_UNILATERAL`](super::MAX_UNILATERAL) contacts, their order changes.
 ///
@@ -49,6 +52,7 @@ pub fn constrained_step(
     contacts: &mut [UnilateralContact],
     pushed: &[PushedBody],
     bound: &MotionBound,
+    mut recovery: f64,
     dt: f64,
 ) -> ConstrainedStep {
     if let Some(refused) = frame.refused(state, dt) {
@@ -61,11 +65,11 @@ pub fn constrained_step(
     };
     let mut twist = Twist::new(state.twist.linear + change.linear, state.twist.angular + change.angular);
     let mut shortened = false;
+    recovery = next_recovery(recovery, &*contacts, frame.coupling, dt);
     if !contacts.is_empty() {
         let Some(factor) = mobility_factor(matrix) else {
             return Step::failed(state, StepFailure::Singular).into();
         };
-        recover(contacts, frame.coupling, dt);
         let pushed = Pushed::new(pushed, &*contacts);
         let moved = Single { free: &twist, factor: &factor, center: state.pose.translation, pushed: &pushed };
         let solve = match pushed.len() {
@@ -73,7 +77,7 @@ pub fn constrained_step(
             1 => solved::<12>,
             _ => solved::<{ 6 + 6 * MAX_PUSHED }>,
         };
-        let (held, share, converged) = solve(contacts, &moved, dt);
+        let (held, share, converged) = solve(contacts, &moved, (dt, recovery));
         status.unconverged = !converged;
         shortened = share < 1.0;
         twist = Twist::new(held.linear * share, held.angular * share);
@@ -95,28 +99,29 @@ pub fn constrained_step(
         contacts.iter_mut().for_each(|contact| contact.impulse = DVec3::ZERO);
         return Step::failed(state, StepFailure::Overflow).into();
     }
-    ConstrainedStep { step, held_back: held_back || shortened }
+    ConstrainedStep { step, held_back: held_back || shortened, recovery }
 }
 
-/// Finds the impulses of contacts of a body in a step of `dt` (s). Returns its velocity with them, the share
-/// of the step that passes no surface, and whether the impulses converged.
+/// Finds the impulses of contacts of a body in a step of `dt` (s) with a largest recovery velocity (m/s).
+/// Returns its velocity with them, the share of the step that passes no surface, and whether the impulses
+/// converged.
 fn solved<const N: usize>(
     contacts: &mut [UnilateralContact],
     moved: &Single<'_>,
-    dt: f64,
+    (dt, recovery): (f64, f64),
 ) -> (Twist, f64, bool) {
-    let passed = choose(contacts, MAX_UNILATERAL, moved.free, dt);
+    let passed = choose(contacts, MAX_UNILATERAL, moved.free, (dt, recovery));
     let mut exchanges = 0;
     loop {
         let mut rows = Rows::<N>::default();
-        let (felt, converged) = Solver::new(contacts, moved, dt, &mut rows).solve();
+        let (felt, converged) = Solver::new(contacts, moved, (dt, recovery), &mut rows).solve();
         rows.store(contacts);
         let [vx, vy, vz, wx, wy, wz] = changed(moved.factor, &felt);
         let held = Twist {
             linear: moved.free.linear - DVec3::new(vx, vy, vz),
             angular: moved.free.angular - DVec3::new(wx, wy, wz),
         };
-        if exchanges == MAX_EXCHANGES || !exchange(contacts, &held, passed, dt) {
+        if exchanges == MAX_EXCHANGES || !exchange(contacts, &held, passed, (dt, recovery)) {
             return (held, share(contacts, MAX_UNILATERAL, &held, passed, dt), converged);
         }
         exchanges += 1;
@@ -132,11 +137,19 @@ pub(crate) fn changed<const D: usize, const N: usize>(
     std::array::from_fn(|row| dot(&factor[row], &own))
 }
 
-/// Sets the speeds at which the overlaps of a tool with a coupling are undone in a step of `dt` (s).
+/// Recovery velocity of a tool with a coupling and contacts in a step of `dt` (s), by that of the step
+/// before, m/s.
 #[inline(always)]
-pub(crate) fn recover(contacts: &mut [UnilateralContact], coupling: &VirtualCoupling, dt: f64) {
+pub(crate) fn next_recovery<'a>(
+    before: f64,
+    contacts: impl IntoIterator<Item = &'a UnilateralContact>,
+    coupling: &VirtualCoupling,
+    dt: f64,
+) -> f64 {
     let most = (RECOVERY_FORCE / coupling.linear_damping).min(MAX_RECOVERY);
-    contacts.iter_mut().for_each(|contact| contact.recover(dt, most));
+    let depth = contacts.into_iter().fold(0.0, |depth: f64, contact| depth.max(-contact.gap));
+    let [before, wanted] = [before, depth / RECOVERY_TIME].map(|speed| speed.min(most).max(0.0));
+    before + (dt / RECOVERY_TIME).min(1.0) * (wanted - before)
 }
 
 /// The lower factor K of the mobility, for a step's matrix; `None` if that is singular.

@@ -26,30 +26,40 @@ fn split(
 /// Moves the contacts to solve for, at most so many, to the front, if not all of them can be: those that
 /// pushed in the last step, and those that the free velocity passes most. The others do not push. Returns the
 /// approach with which one counts as passed, m/s.
-pub(crate) fn choose(contacts: &mut [UnilateralContact], most: usize, free: &Twist, dt: f64) -> f64 {
+pub(crate) fn choose(
+    contacts: &mut [UnilateralContact],
+    most: usize,
+    free: &Twist,
+    (dt, recovery): (f64, f64),
+) -> f64 {
     if contacts.len() <= most {
         return PASSED.0;
     }
     let room = |contact: &UnilateralContact| {
         let pushed = contact.normal.dot(contact.impulse) > 0.0;
-        if pushed { f64::NEG_INFINITY } else { -contact.excess(free, dt) }
+        if pushed { f64::NEG_INFINITY } else { -contact.excess(free, dt, recovery) }
     };
     contacts.select_nth_unstable_by(most - 1, |a, b| room(a).total_cmp(&room(b)));
     let (solved, others) = split(contacts, most);
     for other in others {
         other.impulse = Default::default();
     }
-    let excesses = solved.iter().map(|contact| contact.excess(free, dt));
+    let excesses = solved.iter().map(|contact| contact.excess(free, dt, recovery));
     PASSED.0 + PASSED.1 * excesses.fold(0.0, f64::max)
 }
 
 /// Exchanges contacts that do not push for others that a velocity passes (m/s). Returns whether there were
 /// any.
-pub(super) fn exchange(contacts: &mut [UnilateralContact], held: &Twist, passed: f64, dt: f64) -> bool {
+pub(super) fn exchange(
+    contacts: &mut [UnilateralContact],
+    held: &Twist,
+    passed: f64,
+    (dt, recovery): (f64, f64),
+) -> bool {
     let (solved, others) = split(contacts, MAX_UNILATERAL);
     let mut spare = solved.iter_mut().filter(|contact| contact.normal.dot(contact.impulse) <= 0.0);
     let mut exchanged = false;
-    for other in others.iter_mut().filter(|other| other.excess(held, dt) > passed) {
+    for other in others.iter_mut().filter(|other| other.excess(held, dt, recovery) > passed) {
         let Some(spare) = spare.next() else { break };
         std::mem::swap(spare, other);
         other.impulse = Default::default();
@@ -68,7 +78,7 @@ pub(crate) fn share(
     dt: f64,
 ) -> f64 {
     split(contacts, most).1.iter().filter(|other| other.gap > 0.0).fold(1.0, |share: f64, other| {
-        let excess = other.excess(held, dt);
+        let excess = other.excess(held, dt, 0.0);
         if excess > passed { share.min(other.gap / (other.gap + dt * excess)) } else { share }
     })
 }

@@ -182,7 +182,6 @@ impl ContactGeometry {
                     velocity: object.motion.twist.velocity_at(measured.point),
                     friction: friction.static_coefficient,
                     impulse: DVec3::ZERO,
-                    recovery: 0.0,
                     pushed: object.pushed,
                     key: index as u16,
                 });
@@ -370,8 +369,7 @@ impl StepContacts {
         self.contacts.iter().filter(|contact| contact.impulse != DVec3::ZERO).take(MAX_UNILATERAL)
     }
 
-    /// Takes over impulses and recoveries of the last step, and the lower coefficient of friction where a
-    /// contact slid.
+    /// Takes over the impulses of the last step, and the lower coefficient of friction where a contact slid.
     fn take_over(&mut self, before: &Self, friction: &Friction) {
         let mut pushed = ArrayVec::<&UnilateralContact, MAX_UNILATERAL>::new();
         pushed.extend(before.pushing());
@@ -393,7 +391,6 @@ impl StepContacts {
             next = index + 1;
             let known = pushed[index];
             contact.impulse = known.impulse;
-            contact.recovery = known.recovery;
             let along = known.impulse.dot(known.normal);
             let across = (known.impulse - known.normal * along).length_squared();
             if along > 0.0 && across >= (MAX_STICKING * known.friction * along).powi(2) {
@@ -518,7 +515,6 @@ mod tests {
                     velocity: DVec3::ZERO,
                     friction: 0.0,
                     impulse: DVec3::NEG_Z * impulse,
-                    recovery: 0.0,
                     pushed: None,
                     key,
                 });

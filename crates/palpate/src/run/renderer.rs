@@ -131,6 +131,7 @@ impl HapticRenderer {
             body,
             coupling: gains.coupling,
             state: BodyState::at_rest(pose),
+            recovery: 0.0,
             center_of_mass,
             integrator: Arc::new(SemiImplicit),
         };
@@ -218,6 +219,7 @@ impl HapticRenderer<Hinged> {
             coupling: gains.coupling,
             grip,
             state: ArticulatedState::at_rest(pose, angle),
+            recovery: 0.0,
             centers,
         };
         let prepared = Prepared {

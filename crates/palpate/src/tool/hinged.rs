@@ -123,6 +123,8 @@ pub struct Hinged {
     pub(crate) coupling: VirtualCoupling,
     pub(crate) grip: GripperCoupling,
     pub(crate) state: ArticulatedState,
+    /// Recovery velocity of the last step, m/s.
+    pub(crate) recovery: f64,
     /// Centres of mass in the meshes' frames, m.
     pub(crate) centers: [DVec3; 2],
 }
@@ -165,15 +167,23 @@ impl Moves for Hinged {
             contacts: [contacts(0), contacts(1)],
             gravity: DVec3::ZERO,
         };
-        let ConstrainedToolStep { step, held_back } = match loads {
+        let ConstrainedToolStep { step, held_back, recovery } = match loads {
             [first, second] if first.constrained || second.constrained => {
                 let bounds = [first.bound, second.bound];
                 let contacts = [&mut *first.unilateral, &mut *second.unilateral];
-                constrained_articulated_step(&frame, &self.state, contacts, pushed, &bounds, dt)
+                constrained_articulated_step(
+                    &frame,
+                    &self.state,
+                    contacts,
+                    pushed,
+                    &bounds,
+                    self.recovery,
+                    dt,
+                )
             }
             _ => articulated_step(&frame, &self.state, dt).into(),
         };
-        self.state = step.state;
+        (self.state, self.recovery) = (step.state, recovery);
         ToolStep {
             status: step.status,
             waited: held_back,

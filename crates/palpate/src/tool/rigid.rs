@@ -17,6 +17,8 @@ pub struct Rigid {
     pub(crate) body: Body,
     pub(crate) coupling: VirtualCoupling,
     pub(crate) state: BodyState,
+    /// Recovery velocity of the last step, m/s.
+    pub(crate) recovery: f64,
     /// Centre of mass in the mesh's frame, m.
     pub(crate) center_of_mass: DVec3,
     pub(crate) integrator: Arc<dyn Integrator>,
@@ -56,13 +58,14 @@ impl Moves for Rigid {
             contacts: load.as_ref().map_or(&NO_CONTACTS, |load| load.model),
             gravity: DVec3::ZERO,
         };
-        let ConstrainedStep { step, held_back } = match load {
+        let ConstrainedStep { step, held_back, recovery } = match load {
             Some(load) if load.constrained => {
-                constrained_step(&frame, &self.state, load.unilateral, pushed, &load.bound, dt)
+                let BodyLoads { unilateral, bound, .. } = load;
+                constrained_step(&frame, &self.state, unilateral, pushed, bound, self.recovery, dt)
             }
             _ => self.integrator.step(&frame, &self.state, dt).into(),
         };
-        self.state = step.state;
+        (self.state, self.recovery) = (step.state, recovery);
         ToolStep {
             status: step.status,
             waited: held_back,

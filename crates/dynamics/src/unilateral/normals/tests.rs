@@ -8,7 +8,7 @@ type Six = Vector<6>;
 type Side = super::Side<6>;
 type Normals = super::Normals<6>;
 
-const COMPLIANCE: f64 = 1e-5;
+const COMPLIANCE: f64 = 1e-4;
 
 /// Contacts with random rows, some of them redundant: the same row again, or one that opposes it.
 fn random(rng: &mut StdRng, count: usize) -> Vec<Side> {

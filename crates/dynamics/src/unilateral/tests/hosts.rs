@@ -115,10 +115,17 @@ impl Session {
             let pushed = std::slice::from_ref(&self.pushed);
             let contacts = std::slice::from_mut(&mut self.contact);
             let frame = self.rig.frame();
-            let step_taken =
-                constrained_step(&frame, &self.rig.state, contacts, pushed, &MotionBound::NONE, DT);
+            let step_taken = constrained_step(
+                &frame,
+                &self.rig.state,
+                contacts,
+                pushed,
+                &MotionBound::NONE,
+                self.rig.recovery,
+                DT,
+            );
             assert!(step_taken.step.status.failure.is_none());
-            self.rig.state = step_taken.step.state;
+            (self.rig.state, self.rig.recovery) = (step_taken.step.state, step_taken.recovery);
             self.pushed.push(self.contact.impulse, self.rig.state.pose.translation);
             self.pushed.end(DT, now);
             self.waiting += self.contact.impulse.z;
@@ -235,6 +242,7 @@ fn a_step_moves_both_bodies() {
             &mut contacts,
             std::slice::from_ref(&pushed),
             &MotionBound::NONE,
+            0.0,
             DT,
         );
         assert!(!found.step.status.unconverged, "seed {seed}, case {case}");
