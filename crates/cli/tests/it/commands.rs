@@ -938,15 +938,16 @@ fn the_meshes_of_a_pair_are_scaled_one_by_one() {
     std::fs::write(folder.join("mm.obj"), metres.lines().map(in_millimetres).collect::<String>())
         .expect("written");
     let deepest = |probe: &str, options: &[&str]| {
-        let run = ["run", probe, "golf-ball@1000", "--lockstep", "--seconds", "3", "--json"];
+        // Sliding on for longer, the probe would make more of differences in rounding.
+        let run = ["run", probe, "golf-ball@1000", "--lockstep", "--seconds", "2", "--json"];
         json_with_warnings(&[&run[..], options].concat(), folder)["coupling_force_max"]
             .as_f64()
             .expect("a force")
     };
     let wanted = deepest("metres.obj", &[]);
-    assert!(wanted > 0.1, "{wanted} N");
+    assert!(wanted > 0.05, "{wanted} N");
     let scaled = deepest("mm.obj", &["--probe-scale", "0.001"]);
-    assert!((scaled / wanted - 1.0).abs() < 1e-3, "{scaled} N, {wanted} N");
+    assert!((scaled / wanted - 1.0).abs() < 1e-6, "{scaled} N, {wanted} N");
     let both = deepest("mm.obj", &["--scale", "0.001", "--scene-scale", "1"]);
     assert_eq!(both, scaled, "a mesh's own scale goes before that of both");
     std::fs::write(folder.join("scene.toml"), "[[object]]\nmodel = \"golf-ball@1000\"\n").expect("written");

@@ -991,8 +991,7 @@ fn blades_that_close_do_not_pass() {
         deepest = deepest.min((surface - tool.second(&state).pose.translation).dot(along));
         force = step.contacts[1].force.length();
     }
-    // Twice what was found with an earlier recovery: a contact yields by a ten-thousandth of the velocity that
-    // it takes off in a step.
+    // A contact yields by a ten-thousandth of the velocity that it takes off in a step.
     assert!(deepest > -4e-5, "{deepest} m");
     let lever = axis.cross(tool.second(&state).pose.translation - hinge).length();
     let torque = scene.grip.torque(&state, &scene.gripper).abs();

@@ -92,8 +92,8 @@ fn redundant_contacts_carry_the_load() {
     }
 }
 
-/// Heights (m), speeds (m/s) and kinetic energies (J) after each step of `dt` (s) of a body that is at rest in a floor, at
-/// a depth of `overlap` (m).
+/// Heights (m), speeds (m/s) and kinetic energies (J) after each step of `dt` (s) of a body that rests in a
+/// floor at first, at a depth of `overlap` (m).
 fn recovered(overlap: f64, damping: f64, dt: f64) -> impl Iterator<Item = (f64, f64, f64)> {
     let mut rig = Rig::free();
     rig.coupling.linear_damping = damping;
