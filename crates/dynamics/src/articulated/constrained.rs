@@ -89,7 +89,7 @@ pub fn constrained_articulated_step(
     contacts: [&mut [UnilateralContact]; 2],
     pushed: &[PushedBody],
     bounds: &[MotionBound; 2],
-    mut recovery: f64,
+    recovery: f64,
     dt: f64,
 ) -> ConstrainedToolStep {
     if let Some(refused) = frame.refused(state, dt) {
@@ -102,7 +102,7 @@ pub fn constrained_articulated_step(
         let start = *system.start();
         let mut motion = start.plus(&change, 1.0);
         let mut held_back = false;
-        recovery = next_recovery(recovery, first.iter().chain(&*second), frame.coupling, dt);
+        let recovery = next_recovery(recovery, first.iter().chain(&*second), frame.coupling, dt);
         if !(first.is_empty() && second.is_empty()) {
             let Some(factor) = mobility_factor(system.matrix(active)) else { return singular() };
             let free = system.twists(&motion);

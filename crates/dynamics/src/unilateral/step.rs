@@ -52,7 +52,7 @@ pub fn constrained_step(
     contacts: &mut [UnilateralContact],
     pushed: &[PushedBody],
     bound: &MotionBound,
-    mut recovery: f64,
+    recovery: f64,
     dt: f64,
 ) -> ConstrainedStep {
     if let Some(refused) = frame.refused(state, dt) {
@@ -65,7 +65,7 @@ pub fn constrained_step(
     };
     let mut twist = Twist::new(state.twist.linear + change.linear, state.twist.angular + change.angular);
     let mut shortened = false;
-    recovery = next_recovery(recovery, &*contacts, frame.coupling, dt);
+    let recovery = next_recovery(recovery, &*contacts, frame.coupling, dt);
     if !contacts.is_empty() {
         let Some(factor) = mobility_factor(matrix) else {
             return Step::failed(state, StepFailure::Singular).into();
