@@ -32,7 +32,7 @@ pub struct ConstrainedToolStep {
     pub step: ArticulatedStep,
     /// Whether the step was shortened, by a bound on motion or for contacts that were not solved for.
     pub held_back: bool,
-    /// Recovery velocity, m/s.
+    /// Largest velocity with which overlaps were undone, m/s: the next step goes on from it.
     pub recovery: f64,
 }
 
@@ -79,8 +79,8 @@ impl<const N: usize> Moved<N> for Linked<'_> {
 
 /// Advances a tool by `dt` (s) as [`articulated_step`](super::articulated_step) does, without passing the
 /// surfaces of unilateral `contacts` of the first body and of the second, and no further than their `bounds`.
-/// `recovery` is the recovery velocity of the last step (m/s), or 0. Updates the contacts' impulses. The
-/// contacts' arms are from their body's centre of mass.
+/// Updates the contacts' impulses. The contacts' arms are from their body's centre of mass. `recovery` is as
+/// in [`constrained_step`](crate::constrained_step).
 ///
 /// Refuses the same inputs, and keeps the same rules: nothing is allocated and nothing panics.
 pub fn constrained_articulated_step(

@@ -15,13 +15,14 @@
 //! # Overlap
 //!
 //! A contact that is found with an overlap (g < 0) asks for an outward velocity min(−g/T, r), with which the
-//! overlap fades in about T = 5 ms. The recovery velocity r sets in for the deepest overlap:
+//! overlap fades in about T = 5 ms. The recovery velocity r sets in for the deepest overlap, up to an r_max
+//! that is not felt in the coupling's damper as a push:
 //!
 //! T ṙ = min(max(−g)/T, r_max) − r
 //!
-//! Without it each overlap of a micrometre that is found would be felt as a jump in the coupling's damper.
-//! Pushing a body out by the depth in one step, or by a spring, would give it energy that the hand did not
-//! put in.
+//! If it did not set in gradually, each overlap of a micrometre that is found would be felt as a jump in the
+//! coupling's damper. Pushing a body out by the depth in one step, or by a spring, would give it energy that
+//! the hand did not put in.
 //!
 //! # Many contacts
 //!
@@ -69,8 +70,8 @@ pub use step::{ConstrainedStep, constrained_step};
 /// Largest number of contacts whose impulses a step finds.
 pub const MAX_UNILATERAL: usize = 64;
 
-/// T, s. With less, each overlap of a micrometre that comes and goes is felt in the coupling's damper; with
-/// more, overlaps last.
+/// T: time in which the recovery velocity sets in and an overlap fades, s. With less, each overlap of a
+/// micrometre that comes and goes is felt in the coupling's damper; with more, overlaps last.
 const RECOVERY_TIME: f64 = 5e-3;
 
 /// A contact that holds a point of the body on one side of a surface.

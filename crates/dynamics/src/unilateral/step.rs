@@ -27,7 +27,7 @@ pub struct ConstrainedStep {
     pub step: Step,
     /// Whether the step was shortened, by the bound on motion or for contacts that were not solved for.
     pub held_back: bool,
-    /// Recovery velocity, m/s.
+    /// Largest velocity with which overlaps were undone, m/s: the next step goes on from it.
     pub recovery: f64,
 }
 
@@ -39,9 +39,11 @@ impl From<Step> for ConstrainedStep {
 }
 
 /// Advances the body by `dt` (s) as [`semi_implicit_step`](crate::semi_implicit_step) does, without passing
-/// the surfaces of unilateral `contacts`, and no further than a `bound`. `recovery` is the recovery velocity
-/// of the last step (m/s), or 0. Updates the contacts' impulses. Of the bodies that contacts push, those from
-/// the fourth on do not give way in this step.
+/// the surfaces of unilateral `contacts`, and no further than a `bound`. Updates the contacts' impulses. Of
+/// the bodies that contacts push, those from the fourth on do not give way in this step.
+///
+/// Overlaps are undone with at most the recovery velocity, which sets in over some milliseconds: `recovery`
+/// is that of the last step (m/s), or 0.
 ///
 /// Where there are more than [`MAX_UNILATERAL`](super::MAX_UNILATERAL) contacts, their order changes.
 ///
