@@ -452,7 +452,6 @@ fn free_motion_converges_at_first_order() {
     }
 }
 
-/// With its hinge held, the tool moves as the composite body does: against the step of one body.
 /// A tool whose hinge is held, and the one body that it then is.
 struct Whole {
     scene: Scene,
@@ -492,6 +491,7 @@ impl Whole {
     }
 }
 
+/// With its hinge held, the tool moves as the composite body does: against the step of one body.
 #[test]
 fn with_its_hinge_held_the_tool_moves_as_one_body() {
     let seed = 125;

@@ -99,16 +99,7 @@ fn recovered(overlap: f64, damping: f64, dt: f64) -> impl Iterator<Item = (f64, 
     rig.coupling.linear_damping = damping;
     rig.state.pose.translation = DVec3::Z * (0.02 - overlap);
     std::iter::from_fn(move || {
-        let mut contacts = bottom(&rig.state.pose, 0.0);
-        let ConstrainedStep { step, recovery, .. } = constrained_step(
-            &rig.frame(),
-            &rig.state,
-            &mut contacts,
-            &[],
-            &MotionBound::NONE,
-            rig.recovery,
-            dt,
-        );
+        let ConstrainedStep { step, recovery, .. } = rig.step_of(dt, &mut bottom(&rig.state.pose, 0.0));
         (rig.state, rig.recovery) = (step.state, recovery);
         let height = step.state.pose.translation.z - 0.02;
         Some((height, step.state.twist.linear.z, rig.body.kinetic_energy(&step.state)))
@@ -282,8 +273,7 @@ fn unusable_inputs_are_refused_as_by_other_steps() {
     for dt in [0.0, -1e-3, f64::NAN, f64::INFINITY] {
         let rig = Rig::free();
         let mut contacts = bottom(&Pose::IDENTITY, 0.3);
-        let found =
-            constrained_step(&rig.frame(), &rig.state, &mut contacts, &[], &MotionBound::NONE, 0.0, dt);
+        let found = rig.step_of(dt, &mut contacts);
         assert_eq!(found.step.status.failure, Some(StepFailure::TimeStep));
     }
 }
