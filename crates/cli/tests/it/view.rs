@@ -121,7 +121,7 @@ fn the_mouse_moves_the_hand() {
         send(MOTION_NOTIFY_EVENT, 0, 400, 300 + 10 * step);
     }
     send(BUTTON_RELEASE_EVENT, 1, 0, 0);
-    sleep(Duration::from_secs(2));
+    sleep(Duration::from_secs(5));
     let ended = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
     assert!(ended.is_ok_and(|status| status.success()), "the session is interrupted");
     succeeded(&child.wait_with_output().expect("it ends"));
