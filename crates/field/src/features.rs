@@ -440,11 +440,13 @@ impl FeatureMesh {
         }
     }
 
-    /// Whether a vertex is a local minimum, given the gradient of the distance from another surface there, in
-    /// this mesh's frame: [`Self::descend`] leads nowhere from it.
+    /// Whether [`Self::descend`] leads nowhere from a place.
     #[inline(always)]
-    pub fn is_lowest(&self, vertex: u32, normal: DVec3) -> bool {
-        !is_down(self.steepest(vertex, normal))
+    pub fn is_lowest(&self, place: &Place, normal: DVec3, stride: f64, leash: &Leash) -> bool {
+        match *place {
+            Place::Vertex(vertex) => !is_down(self.steepest(vertex, normal)),
+            Place::Edge(edge, at) => self.descend_edge((edge, at), normal, stride, leash).is_none(),
+        }
     }
 
     /// The least slope along the edges around a vertex, for a gradient there.
@@ -462,20 +464,7 @@ impl FeatureMesh {
     #[inline]
     pub fn descend(&self, place: &Place, normal: DVec3, stride: f64, leash: &Leash) -> Option<Place> {
         match *place {
-            Place::Edge(edge, at) => {
-                let at = f64::from(at);
-                let [from, to] = self.ends(edge);
-                let along = to - from;
-                let rise = normal.dot(along);
-                if rise * rise > MIN_SLOPE * MIN_SLOPE * along.length_squared() {
-                    let end = self.leashed(edge, if rise > 0.0 { 0.0 } else { 1.0 }, leash);
-                    let next = at + (end - at) * stride;
-                    if (next - at).abs() > MIN_STEP {
-                        return Some(self.on_edge(edge, next));
-                    }
-                }
-                self.across_a_face(edge, at, normal, leash)
-            }
+            Place::Edge(edge, at) => self.descend_edge((edge, at), normal, stride, leash),
             Place::Vertex(vertex) => {
                 let steepest = self.steepest(vertex, normal);
                 if !is_down(steepest) {
@@ -494,19 +483,47 @@ impl FeatureMesh {
         }
     }
 
+    /// The same for a place on an edge. Not inlined: most places that are asked for are vertices.
+    #[inline(never)]
+    fn descend_edge(
+        &self,
+        (edge, at): (u32, f32),
+        normal: DVec3,
+        stride: f64,
+        leash: &Leash,
+    ) -> Option<Place> {
+        let at = f64::from(at);
+        let [from, to] = self.ends(edge);
+        let along = to - from;
+        let rise = normal.dot(along);
+        if rise * rise > MIN_SLOPE * MIN_SLOPE * along.length_squared() {
+            let end = self.leashed(edge, if rise > 0.0 { 0.0 } else { 1.0 }, leash);
+            let next = at + (end - at) * stride;
+            if (next - at).abs() > MIN_STEP {
+                return Some(self.on_edge(edge, next));
+            }
+        }
+        self.across_a_face(edge, at, normal, leash)
+    }
+
     /// The place on another edge of a face beside an edge that is straight down from there.
     fn across_a_face(&self, edge: u32, at: f64, normal: DVec3, leash: &Leash) -> Option<Place> {
         let [from, to] = self.ends(edge);
         let position = from + (to - from) * at;
         let mut best = (-MIN_SLOPE, None);
         for &face in self.sides[edge as usize].iter().filter(|face| **face != NONE) {
-            let Face { edges, normal: outward, .. } = self.faces[face as usize];
-            let down = -normal.reject_from(outward);
+            let Face { edges, normal: outward, inward, .. } = &self.faces[face as usize];
+            // Down may be out of the face, as at the lowest edge of a wall.
+            let leads_out = |(own, inward): (&u32, &DVec3)| *own == edge && inward.dot(normal) >= 0.0;
+            if edges.iter().zip(inward).any(leads_out) {
+                continue;
+            }
+            let down = -normal.reject_from(*outward);
             if down.length_squared() <= MIN_SLOPE * MIN_SLOPE {
                 continue;
             }
             // The wall through the place along `down` and the face's normal.
-            let across = down.cross(outward);
+            let across = down.cross(*outward);
             for &other in edges.iter().filter(|other| **other != edge) {
                 let [a, b] = self.ends(other);
                 let (before, after) = (across.dot(a - position), across.dot(b - position));

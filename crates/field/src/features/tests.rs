@@ -208,6 +208,42 @@ fn descents_over_convex_bodies_end_at_the_lowest_vertex() {
     }
 }
 
+/// A place on an edge is the lowest if no point of the two faces beside it is lower, and only then.
+#[test]
+fn places_on_edges_are_lowest_where_both_faces_rise() {
+    let mut rng = StdRng::seed_from_u64(0xFEAD);
+    for mesh in [Model::Cup.generate(2000).expect("in range"), block(DVec3::new(0.1, 0.05, 0.02))] {
+        let features = FeatureMesh::new(&mesh);
+        let (mut rising, mut falling) = (0, 0);
+        for round in 0..3000 {
+            let edge = rng.random_range(0..features.edges.len()) as u32;
+            let place = Place::Edge(edge, rng.random_range(0.1..0.9));
+            let position = features.position(&place);
+            // Between the faces' normals, so that both may rise.
+            let [a, b] = features.sides[edge as usize].map(|face| features.faces[face as usize].normal);
+            let up = -(a * rng.random_range(-0.2..1.0) + b * rng.random_range(-0.2..1.0)).normalize();
+            // Points along the faces' edges lie in all directions over both faces.
+            let around = features.sides[edge as usize].iter().flat_map(|face| {
+                let corners = mesh.corners(*face as usize);
+                (0..150).map(move |i| corners[i / 50].lerp(corners[(i / 50 + 1) % 3], (i % 50) as f64 / 50.0))
+            });
+            let slopes = around.map(|point| up.dot(point - position) / point.distance(position));
+            let least = slopes.fold(f64::INFINITY, f64::min);
+            let is_lowest = features.is_lowest(&place, up, 1.0, &FREE);
+            assert_eq!(is_lowest, features.descend(&place, up, 1.0, &FREE).is_none(), "round {round}");
+            // Slopes near the smallest that counts may go either way.
+            if least < -2.0 * MIN_SLOPE {
+                assert!(!is_lowest, "round {round}: {place:?}, {up}, {least}");
+                falling += 1;
+            } else if least > -0.5 * MIN_SLOPE {
+                assert!(is_lowest, "round {round}: {place:?}, {up}, {least}");
+                rising += 1;
+            }
+        }
+        assert!(rising > 100 && falling > 100, "{rising} rise, {falling} fall");
+    }
+}
+
 #[test]
 fn descents_stay_on_their_leash() {
     let mut rng = StdRng::seed_from_u64(0xFEAB);

@@ -170,15 +170,15 @@ impl GuardedPoint {
         }
     }
 
-    /// What [`Self::descend`] finds at a corner that is the lowest place and over the face that was nearest,
-    /// as most points that touch are, in fewer instructions; `None` for any other point.
+    /// What [`Self::descend`] finds at a place that is the lowest and over the face that was nearest, as most
+    /// points that touch are, in fewer instructions; `None` for any other point.
     #[inline(always)]
     fn at_rest(&self, frames: &Frames<'_>) -> Option<(DVec3, ClosestPoint)> {
-        let Place::Vertex(vertex) = self.place else { return None };
         let Sides { own, other, to_other, to_own } = frames.sides(self.is_probe);
         let position = own.position(&self.place);
         let closest = other.over(to_other.transform_point3(position), self.face)?;
-        own.is_lowest(vertex, to_own.transform_vector3(closest.normal)).then_some((position, closest))
+        let normal = to_own.transform_vector3(closest.normal);
+        own.is_lowest(&self.place, normal, self.stride.into(), &self.leash).then_some((position, closest))
     }
 
     /// Moves the point down, in at most so many moves. Returns its position in its own body's frame (m), and
