@@ -102,9 +102,21 @@ impl UnilateralContact {
     /// overlap recovers with a velocity of at most `recovery` (m/s).
     #[inline(always)]
     fn excess(&self, twist: &Twist, dt: f64, recovery: f64) -> f64 {
-        let Self { arm, normal, gap, velocity, .. } = *self;
+        self.excess_of(self.velocity_over(twist), dt, recovery)
+    }
+
+    /// The same for a velocity over the surface, m/s.
+    #[inline(always)]
+    fn excess_of(&self, over: DVec3, dt: f64, recovery: f64) -> f64 {
+        let gap = self.gap;
         let allowed = if gap < 0.0 { (gap / RECOVERY_TIME).max(-recovery) } else { gap / dt };
-        normal.dot(twist.velocity_at(arm) - velocity) - allowed
+        self.normal.dot(over) - allowed
+    }
+
+    /// Velocity of the point over the surface, with a velocity of the body, m/s.
+    #[inline(always)]
+    fn velocity_over(&self, twist: &Twist) -> DVec3 {
+        twist.velocity_at(self.arm) - self.velocity
     }
 }
 

@@ -153,12 +153,13 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
         for (index, contact) in contacts.iter().enumerate() {
             let UnilateralContact { normal, impulse, .. } = *contact;
             let row = moved.row(index, contact, normal);
-            let excess = contact.excess(moved.free(index), dt, recovery);
+            let over = contact.velocity_over(moved.free(index));
+            let excess = contact.excess_of(over, dt, recovery);
             let stiffness = 1.0 / (COMPLIANCE * dot(&row, &row));
             let impulse_before = normal.dot(impulse);
             solver.rows.normals.push(Side { row, excess, stiffness }, impulse_before > 0.0);
             if impulse != DVec3::ZERO {
-                solver.prepare(index);
+                solver.prepare(index, over);
             }
         }
         solver
@@ -166,8 +167,8 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
 
     /// Makes the friction rows of a contact, from its impulse in the last step.
     #[inline(always)]
-    fn prepare(&mut self, index: usize) {
-        let UnilateralContact { arm, normal, velocity, friction, impulse, .. } = self.contacts[index];
+    fn prepare(&mut self, index: usize, over: DVec3) {
+        let UnilateralContact { normal, friction, impulse, .. } = self.contacts[index];
         if friction.is_nan() || friction <= 0.0 || self.ready & 1 << index != 0 {
             return;
         }
@@ -175,7 +176,6 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
         let (first, second) = normal.any_orthonormal_pair();
         let contact = &self.contacts[index];
         let rows = [self.moved.row(index, contact, first), self.moved.row(index, contact, second)];
-        let over = self.moved.free(index).velocity_at(arm) - velocity;
         let mobility = dot(&rows[0], &rows[0]).max(dot(&rows[1], &rows[1]));
         let impulse = [first.dot(impulse), second.dot(impulse)];
         add(&mut self.rubbed, impulse[0], &rows[0]);
@@ -219,7 +219,8 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
     #[cold]
     fn prepare_all(&mut self, mut set: u64) {
         while set != 0 {
-            self.prepare(set.trailing_zeros() as usize);
+            let index = set.trailing_zeros() as usize;
+            self.prepare(index, self.contacts[index].velocity_over(self.moved.free(index)));
             set &= set - 1;
         }
     }
