@@ -165,7 +165,8 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
         solver
     }
 
-    /// Makes the friction rows of a contact, from its impulse in the last step.
+    /// Makes the friction rows of a contact, from its impulse in the last step. `over` is its velocity over
+    /// the surface without impulses, m/s.
     #[inline(always)]
     fn prepare(&mut self, index: usize, over: DVec3) {
         let UnilateralContact { normal, friction, impulse, .. } = self.contacts[index];
