@@ -13,6 +13,7 @@ use palpate_core::Twist;
 
 use super::coordinates::{Follower, Motion};
 use super::step::with_system;
+use super::tool_system::ToolSolution;
 use super::{ArticulatedFrame, ArticulatedState, ArticulatedStep};
 use crate::step::StepFailure;
 use crate::system::six;
@@ -98,13 +99,15 @@ pub fn constrained_articulated_step(
     let [first, second] = contacts;
     with_system(frame, state, dt, |system, bodies| {
         let singular = || ArticulatedStep::failed(state, StepFailure::Singular).into();
-        let Some((change, active, mut status)) = system.solve() else { return singular() };
+        let Some(ToolSolution { change, active, matrix, mut status }) = system.solve() else {
+            return singular();
+        };
         let start = *system.start();
         let mut motion = start.plus(&change, 1.0);
         let mut held_back = false;
         let recovery = next_recovery(recovery, first.iter().chain(&*second), frame.coupling, dt);
         if !(first.is_empty() && second.is_empty()) {
-            let Some(factor) = mobility_factor(system.matrix(active)) else { return singular() };
+            let Some(factor) = mobility_factor(matrix) else { return singular() };
             let free = system.twists(&motion);
             let times = (dt, recovery);
             let passed = [choose(first, MOST, &free[0], times), choose(second, MOST, &free[1], times)];

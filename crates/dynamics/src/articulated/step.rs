@@ -40,7 +40,7 @@ use arrayvec::ArrayVec;
 use glam::{DMat3, DVec3};
 use palpate_core::{Pose, Wrench};
 
-use super::tool_system::{ToolSystem, stop_torque};
+use super::tool_system::{ToolSolution, ToolSystem, stop_torque};
 use super::{ArticulatedBody, ArticulatedState, GripperCoupling, GripperMotion};
 use crate::body::{Body, BodyState};
 use crate::contact::LinearContactModel;
@@ -102,7 +102,7 @@ pub fn articulated_step(frame: &ArticulatedFrame<'_>, state: &ArticulatedState, 
         return refused;
     }
     with_system(frame, state, dt, |system, _| {
-        let Some((change, active, status)) = system.solve() else {
+        let Some(ToolSolution { change, active, status, .. }) = system.solve() else {
             return ArticulatedStep::failed(state, StepFailure::Singular);
         };
         let next = system.moved(frame.tool, state, &change);

@@ -69,6 +69,16 @@ impl Active {
     }
 }
 
+/// Outcome of a search.
+pub(super) struct ToolSolution {
+    /// Change of the velocities.
+    pub change: Motion,
+    pub active: Active,
+    /// Matrix of the active set's system.
+    pub matrix: [[f64; 7]; 7],
+    pub status: StepStatus,
+}
+
 /// The terms of one step's linear systems, from which the system of any active set is assembled.
 pub(super) struct ToolSystem<'a> {
     systems: [System<'a>; 2],
@@ -144,11 +154,6 @@ impl<'a> ToolSystem<'a> {
     pub fn twists(&self, motion: &Motion) -> [Twist; 2] {
         let [first, second] = &self.followers;
         [first.follow(motion), second.follow(motion)]
-    }
-
-    /// Matrix of the system with the contacts and stops of a set.
-    pub fn matrix(&self, active: Active) -> [[f64; 7]; 7] {
-        self.assemble(active).matrix
     }
 
     fn geometric(&self) -> bool {
@@ -261,9 +266,8 @@ impl<'a> ToolSystem<'a> {
         Active { bodies: [first.closed_at_start, second.closed_at_start], stops }
     }
 
-    /// Searches the active set as for one body. Returns the change of the velocities, the set and the status
-    /// of the search; `None` if a system is singular.
-    pub fn solve(&mut self) -> Option<(Motion, Active, StepStatus)> {
+    /// Searches the active set as for one body; `None` if a system is singular.
+    pub fn solve(&mut self) -> Option<ToolSolution> {
         let mut status = StepStatus::default();
         let mut left_for_next = Active::default();
         let mut active = self.linearise();
@@ -288,7 +292,7 @@ impl<'a> ToolSystem<'a> {
             let settled = next == active && (converged || !free);
             if settled || status.solves >= MAX_ARTICULATED_SOLVES {
                 status.active_set_unsettled = wanted != active;
-                return Some((change, active, status));
+                return Some(ToolSolution { change, active, matrix: system.matrix, status });
             }
             active = next;
         }
