@@ -66,8 +66,9 @@ impl Task {
         let lowered = (time / 0.3).min(1.0);
         match self {
             Self::Free => Pose::from_translation(DVec3::new(1e-3 * cos, 1e-3 * sin, 0.01)),
+            // Beside the diagonal of the plate's upper side, so that only the corners are contacts.
             Self::Sliding => Pose::new(
-                DVec3::new(5e-3 * cos, 5e-3 * sin, 1e-3 - 3e-3 * lowered),
+                DVec3::new(0.01 + 5e-3 * cos, -0.01 + 5e-3 * sin, 1e-3 - 3e-3 * lowered),
                 DQuat::from_rotation_z(0.1 * sin),
             ),
             Self::Peg => Pose::new(
