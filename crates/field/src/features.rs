@@ -440,7 +440,7 @@ impl FeatureMesh {
         }
     }
 
-    /// Whether [`Self::descend`] leads nowhere from a place.
+    /// Whether a place is a local minimum: [`Self::descend`] then leads nowhere from it.
     #[inline(always)]
     pub fn is_lowest(&self, place: &Place, normal: DVec3, stride: f64, leash: &Leash) -> bool {
         match *place {

@@ -938,7 +938,7 @@ fn the_meshes_of_a_pair_are_scaled_one_by_one() {
     std::fs::write(folder.join("mm.obj"), metres.lines().map(in_millimetres).collect::<String>())
         .expect("written");
     let deepest = |probe: &str, options: &[&str]| {
-        // Sliding on for longer, the probe would make more of differences in rounding.
+        // In a longer session the probe slides, and differences in rounding grow.
         let run = ["run", probe, "golf-ball@1000", "--lockstep", "--seconds", "2", "--json"];
         json_with_warnings(&[&run[..], options].concat(), folder)["coupling_force_max"]
             .as_f64()
