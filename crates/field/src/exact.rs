@@ -93,13 +93,25 @@ impl ExactDistance {
 
     /// The point of the surface nearest to a point, m. `hint` is that of a search nearby, or 0.
     pub fn nearest(&self, p: DVec3, hint: u32) -> Nearest {
+        self.nearest_within(p, hint, 1.0)
+    }
+
+    /// A point of the surface that is hardly further from a point (m) than the nearest one: no distance is
+    /// below `share` times that found. Inside of the surface it is the nearest.
+    pub fn near(&self, p: DVec3, hint: u32, share: f64) -> Nearest {
+        let found = self.nearest_within(p, hint, share);
+        // Another point than the nearest does not tell the sides of thin walls apart.
+        if found.distance < 0.0 { self.nearest_within(p, found.hint, 1.0) } else { found }
+    }
+
+    fn nearest_within(&self, p: DVec3, hint: u32, share: f64) -> Nearest {
         let closest = |index: u32| closest(p, &self.triangles[index as usize].corners);
         let mut best = (closest(hint), hint);
         let mut squared = best.0.0.distance_squared(p);
         let at = ((p - self.middle) / self.size).as_vec3();
         let at = [at.x, at.y, at.z].map(f32x4::splat);
         let limit = |squared: f64| {
-            let distance = squared.sqrt() / self.size;
+            let distance = share * squared.sqrt() / self.size;
             (distance + SEARCH_MARGIN * (distance + 1.0)).powi(2) as f32
         };
         let mut most = limit(squared);

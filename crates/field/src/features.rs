@@ -6,13 +6,15 @@
 //! little from step to step, so that it visits a few features. It finds a local minimum: a thin wall's other
 //! side is never taken for the near one.
 
+mod tree;
+
 use std::collections::HashMap;
 use std::ops::Range;
 
-use arrayvec::ArrayVec;
 use glam::{DVec3, Vec3};
 use palpate_core::TriMesh;
 
+pub use self::tree::{FeatureTree, Node};
 use crate::exact::{ExactDistance, Feature, closest};
 
 /// Index of no face.
@@ -38,9 +40,6 @@ const MIN_DIRECTED: f64 = 1e-9;
 /// feature. It allows for vertices in single precision.
 const FLAT: f64 = 1.0 - 1e-9;
 
-/// Number of long edges that are kept. With more, it takes long to find those near another body.
-const MAX_LONG: usize = 4096;
-
 /// A mesh whose features are linked to their neighbours.
 #[derive(Clone, Debug)]
 pub struct FeatureMesh {
@@ -52,15 +51,13 @@ pub struct FeatureMesh {
     edges: Vec<[u32; 2]>,
     /// Faces on both sides of the edges.
     sides: Vec<[u32; 2]>,
-    /// The longest sharp edges, the longest first, with their lengths, m.
-    long: Vec<(u32, f64)>,
-    /// Length (m) above which all sharp edges are among them.
-    complete_above: f64,
     faces_around: Lists,
     edges_around: Lists,
     /// Unit vectors along the entries of `edges_around`, away from the vertex.
     outgoing: Vec<DVec3>,
     exact: ExactDistance,
+    tree: FeatureTree,
+    is_closed: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -217,22 +214,15 @@ impl FeatureMesh {
             faces,
             edges,
             sides,
-            long: Vec::new(),
-            complete_above: 0.0,
             faces_around,
             edges_around,
             outgoing,
             exact,
+            tree: FeatureTree::default(),
+            is_closed: true,
         };
-        let mut sharp: Vec<(u32, f64)> = (0..made.edges.len() as u32)
-            .filter(|edge| made.is_sharp(*edge))
-            .map(|edge| (edge, made.length(edge)))
-            .collect();
-        sharp.sort_by(|a, b| b.1.total_cmp(&a.1));
-        made.complete_above = sharp.get(MAX_LONG).map_or(0.0, |(_, length)| *length);
-        sharp.truncate(MAX_LONG);
-        sharp.shrink_to_fit();
-        made.long = sharp;
+        made.is_closed = made.sides.iter().all(|sides| sides[1] != NONE);
+        made.tree = FeatureTree::new(&made);
         made
     }
 
@@ -242,18 +232,6 @@ impl FeatureMesh {
         b == NONE || self.faces[a as usize].normal.dot(self.faces[b as usize].normal) <= FLAT
     }
 
-    fn length(&self, edge: u32) -> f64 {
-        let [from, to] = self.ends(edge);
-        from.distance(to)
-    }
-
-    /// The sharp edges that are longer than a length (m), or the longest of them: their indices and ends, m.
-    pub fn long_edges(&self, length: f64) -> impl Iterator<Item = (u32, [DVec3; 2])> {
-        let length = length.max(self.complete_above);
-        let long = self.long.iter().take_while(move |(_, own)| *own > length);
-        long.map(|&(edge, _)| (edge, self.ends(edge)))
-    }
-
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         size_of::<Self>()
@@ -261,10 +239,10 @@ impl FeatureMesh {
                 * size_of::<DVec3>()
             + self.faces.capacity() * size_of::<Face>()
             + (self.edges.capacity() + self.sides.capacity()) * size_of::<[u32; 2]>()
-            + self.long.capacity() * size_of::<(u32, f64)>()
             + self.faces_around.bytes()
             + self.edges_around.bytes()
             + self.exact.bytes()
+            + self.tree.bytes()
     }
 
     #[inline(always)]
@@ -374,16 +352,6 @@ impl FeatureMesh {
     /// The place on vertices and edges nearest to a point of the surface, m.
     pub fn place_near(&self, p: DVec3) -> Place {
         self.place_on(&self.faces[self.exact.nearest(p, 0).triangle as usize].edges, p)
-    }
-
-    /// The place on vertices and sharp edges nearest to a point (m) of the surface's part that is not given
-    /// by [long edges](Self::long_edges): that of faces with a shorter sharp edge. `None` for a point of
-    /// another part.
-    pub fn place_among_short(&self, p: DVec3, length: f64) -> Option<Place> {
-        let length = length.max(self.complete_above);
-        let face = &self.faces[self.exact.nearest(p, 0).triangle as usize];
-        let sharp: ArrayVec<u32, 3> = face.edges.into_iter().filter(|edge| self.is_sharp(*edge)).collect();
-        sharp.iter().any(|edge| self.length(*edge) <= length).then(|| self.place_on(&sharp, p))
     }
 
     /// The place on edges nearest to a point, m.

@@ -18,7 +18,6 @@ mod selector;
 mod side;
 mod slack;
 mod steady;
-mod surface_points;
 
 /// Revision of the bodies, raised whenever the same mesh and options give another [`FieldBody`].
 pub const REVISION: u32 = 3;
@@ -27,8 +26,7 @@ pub use area_law::{AreaContact, AreaLaw};
 pub use body::{FieldBody, FieldOptions};
 pub use bricks::DistanceField;
 pub use exact::{ExactDistance, Nearest};
-pub use features::{ClosestPoint, FeatureMesh, Leash, Place};
+pub use features::{ClosestPoint, FeatureMesh, FeatureTree, Leash, Node as FeatureNode, Place};
 pub use format::FormatError;
 pub use query::{FieldOutcome, FieldQuery, FieldSettings};
 pub use samples::SurfaceSamples;
-pub use surface_points::{SurfacePart, SurfacePoint};

@@ -15,7 +15,7 @@ use crate::body::FieldBody;
 use crate::cells::{Cell, Cells, ContactSample};
 use crate::deepest::deepest_around;
 use crate::front::{Front, MAX_SLOPE, NEAR_MARGIN, SLACK};
-use crate::selection::{Held, SelectedFour, Selection};
+use crate::selection::{Held, SelectedFour};
 use crate::selector::Selector;
 use crate::side::Side;
 use crate::slack::{changes, motion_bound};
@@ -351,26 +351,6 @@ impl FieldQuery {
             (near / allowed).max(most / (allowed + f64::from(NEAR_MARGIN) * reach))
         });
         moved.fold(0.0, f64::max)
-    }
-
-    /// d of the last query, m.
-    pub(crate) fn tolerance(&self) -> f64 {
-        self.purpose.tolerance
-    }
-
-    pub(crate) fn selections(&self) -> &[Selection; 2] {
-        &self.held.sides
-    }
-
-    /// Both bodies' samples in the other's field at a pose, probe to scene object, for the tolerance of the
-    /// last query.
-    pub(crate) fn sides_at<'a>(
-        &self,
-        probe: &'a FieldBody,
-        scene: &'a FieldBody,
-        to_scene: &Pose,
-    ) -> [Side<'a>; 2] {
-        self.sides(probe, scene, to_scene, self.purpose.tolerance)
     }
 
     /// Begins a selection at a pose.

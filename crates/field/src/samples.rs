@@ -195,12 +195,6 @@ impl SurfaceSamples {
         Vec3::from(four.map(|axis| axis.as_array()[sample.index as usize % 4]))
     }
 
-    /// A sample's number among those of all levels. There are numbers that no sample has.
-    pub(crate) fn number(&self, sample: Sample) -> usize {
-        let below: usize = (0..usize::from(sample.level)).map(|level| 4 * self.fours(level)).sum();
-        below + sample.index as usize
-    }
-
     /// Number of fours of samples of a level.
     pub(crate) fn fours(&self, level: usize) -> usize {
         if level == 0 { self.finest.len() } else { self.levels[level].samples.len() }

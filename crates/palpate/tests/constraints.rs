@@ -211,25 +211,29 @@ fn a_box_that_is_rubbed_over_a_rim_does_not_enter_it() {
     }
 }
 
-/// Also where the origin of its mesh, at which it is held, is far from it. It waits then, but not near all
-/// surfaces, as it would if it were reckoned to reach as far as that on all sides.
+/// Also where the origin of its mesh, at which it is held, is far from it: the lever makes the coupling soft.
+/// With late contacts it waits for none, so that its force is that with contacts in each step.
 #[test]
-fn a_box_found_in_fields_slides() {
-    let settings = found_by(ContactSearch::Representatives, Response::Constraints, 0.0);
+fn a_box_with_late_contacts_slides_as_with_early_ones() {
+    let settings = settings(Response::Constraints, 0.0);
     let plate = block(DVec3::new(0.06, 0.06, 0.005));
     let below = Pose::from_translation(DVec3::NEG_Z * 0.0025);
-    for (center, least, most) in [(DVec3::ZERO, 0.4, 10), (DVec3::X * 0.7, 0.1, 200)] {
+    for (center, least) in [(DVec3::ZERO, 0.4), (DVec3::X * 0.7, 0.05)] {
         let probe = block_about(center, DVec3::splat(0.03));
-        let hand = path(move |time| {
-            let (position, turn) = rubbed_pose(DVec3::ZERO, time);
-            (position - turn * center, turn)
+        let [early, late] = [1000.0, 100.0].map(|rate| {
+            let hand = path(move |time| {
+                let (position, turn) = rubbed_pose(DVec3::ZERO, time);
+                (position - turn * center, turn)
+            });
+            let mut rig = Rig::new(&probe, &[(plate.clone(), below)], hand, settings, rate);
+            let force = (0..1000).map(|_| rig.step().coupling.force.z).sum::<f64>() / 1000.0;
+            let waited = rig.session.events().waited;
+            println!("about {center}, {rate} Hz: {force:.4} N, waits {waited} steps, {:.1e} m", rig.deepest);
+            assert!(waited < 10, "about {center}: waits in {waited} of 1000 steps");
+            assert!(rig.deepest < OVERLAP, "about {center}: {} m", rig.deepest);
+            force
         });
-        let mut rig = Rig::new(&probe, &[(plate.clone(), below)], hand, settings, 100.0);
-        let force = (0..1000).map(|_| rig.step().coupling.force.z).sum::<f64>() / 1000.0;
-        let waited = rig.session.events().waited;
-        println!("about {center}: {force:.2} N, waits in {waited} steps, {:.1e} m", rig.deepest);
-        assert!(waited < most && force > least, "about {center}: waits in {waited} of 1000 steps, {force} N");
-        assert!(rig.deepest < OVERLAP, "about {center}: {} m", rig.deepest);
+        assert!(early > least && (late - early).abs() < 0.02 * early, "{center}: {early} N, {late} N");
     }
 }
 

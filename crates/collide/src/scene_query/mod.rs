@@ -326,15 +326,18 @@ impl SceneQuery {
 
     /// Finds the objects within reach of the probe at a pose (object frame to world) without queries, for
     /// callers that find contacts by other means. There are [no contacts](Self::contacts) then. Returns the
-    /// number of objects that are left out because their pose is not valid.
+    /// number of objects that are left out because their pose is not valid. The tolerance may be as large as
+    /// any distance (m).
     ///
     /// # Errors
-    /// As [`run`](Self::run).
+    /// If the probe's pose is not valid, or the tolerance is negative or not finite.
     pub fn find_near(&mut self, probe_pose: &Pose, tolerance: f64) -> Result<usize, QueryError> {
         self.in_reach.clear();
         self.near.clear();
         QueryError::check_pose(probe_pose, QueryObject::Probe)?;
-        QuerySettings::new(tolerance).check(&self.probe)?;
+        if !(0.0..f64::INFINITY).contains(&tolerance) {
+            return Err(QueryError::Tolerance { given: tolerance, most: f64::MAX });
+        }
         let mut outcome = SceneOutcome::default();
         self.find_in_reach(probe_pose, tolerance, &mut outcome);
         std::mem::swap(&mut self.in_reach, &mut self.near);

@@ -24,12 +24,11 @@ use palpate_field::{AreaContact, AreaLaw, FieldOptions, FieldQuery, FieldSetting
 use super::group::ContactGroup;
 use super::in_scene::InScene;
 use crate::contact::merging::{Plane, WeightedContact};
-use crate::contact::near_samples::{NearSamples, SamplePlaces};
 use crate::contact::proxy::{ContactFinder, ProxyContact, QueryReport, carried};
 use crate::contact::representative::{DEFAULT_ERROR, check_error, lattice, law};
 use crate::scene::field::{Field, FieldError, field_options, find, new_query};
 use crate::scene::object::Object;
-use crate::settings::{Response, Settings};
+use crate::settings::Settings;
 
 /// Steps in which the reach changes, in tolerances d. With smaller ones it changes often, and queries start
 /// from scratch.
@@ -110,8 +109,6 @@ impl FieldNeeds {
 pub(super) struct ByFields {
     pub needs: FieldNeeds,
     probe: Arc<Field>,
-    /// The probe's part of the searches for guarded points, if contacts are constraints.
-    probe_places: Option<SamplePlaces>,
     law: AreaLaw,
     /// K: stiffness of a place of contact, in stiffnesses of a cluster.
     stiffness: f64,
@@ -137,16 +134,6 @@ pub(super) struct ByFields {
 struct Side {
     field: Arc<Field>,
     queries: [Option<FieldQuery>; 2],
-    /// Search for guarded points, if contacts are constraints.
-    samples: Option<NearSamples>,
-}
-
-/// What guarded points with an object are found in.
-pub(super) struct NearFields<'a> {
-    pub probe: &'a Field,
-    pub scene: &'a Field,
-    pub probe_places: &'a mut SamplePlaces,
-    pub samples: &'a mut NearSamples,
 }
 
 /// Use of the contacts of a query.
@@ -157,12 +144,7 @@ enum Purpose {
 }
 
 impl ByFields {
-    pub fn new(
-        needs: FieldNeeds,
-        probe: &Object,
-        clusters: usize,
-        response: Response,
-    ) -> Result<Self, FieldError> {
+    pub fn new(needs: FieldNeeds, probe: &Object, clusters: usize) -> Result<Self, FieldError> {
         let mut law = law(probe);
         let field = needs.of(probe)?;
         // The law's workspace grows with the number of contacts; a call with many makes room for them.
@@ -175,7 +157,6 @@ impl ByFields {
         law.weights(&[AreaContact { contact, area: 0.0 }; RESERVED], needs.tolerance(), &Pose::IDENTITY);
         Ok(Self {
             needs,
-            probe_places: (response == Response::Constraints).then(|| SamplePlaces::new(&field)),
             probe: field,
             law,
             stiffness: clusters as f64,
@@ -197,9 +178,7 @@ impl ByFields {
             self.sides.resize_with(place + 1, || None);
         }
         let queries = [(); 2].map(|()| reserved.then(|| new_query(&self.probe, &field)));
-        let guards = reserved && self.probe_places.is_some();
-        let samples = guards.then(|| NearSamples::new(&self.probe, &field));
-        self.sides[place] = Some(Side { field, queries, samples });
+        self.sides[place] = Some(Side { field, queries });
         self.at = None;
         Ok(())
     }
@@ -226,8 +205,6 @@ impl ByFields {
     pub fn bytes(&self) -> usize {
         let sides = || self.sides.iter().flatten();
         let queries = sides().flat_map(|side| &side.queries).flatten().map(FieldQuery::bytes).sum::<usize>();
-        let samples = sides().filter_map(|side| side.samples.as_ref()).map(NearSamples::bytes).sum::<usize>()
-            + self.probe_places.as_ref().map_or(0, SamplePlaces::bytes);
         // Objects may share a field.
         let mut fields: Vec<&Arc<Field>> = vec![&self.probe];
         for Side { field, .. } in sides() {
@@ -235,7 +212,7 @@ impl ByFields {
                 fields.push(field);
             }
         }
-        queries + samples + fields.into_iter().map(|field| field.bytes()).sum::<usize>()
+        queries + fields.into_iter().map(|field| field.bytes()).sum::<usize>()
     }
 
     /// Finds the contacts with all objects near, with the mesh's frame at a pose, unless the last query was
@@ -271,15 +248,6 @@ impl ByFields {
             self.at = Some((*mesh, reach));
         }
         invalid == 0
-    }
-
-    /// What guarded points with the object at a place are found in.
-    pub fn near(&mut self, place: usize) -> Option<NearFields<'_>> {
-        let Self { probe, probe_places, sides, .. } = self;
-        let Side { field: scene, samples, .. } = sides.get_mut(place)?.as_mut()?;
-        let probe_places = probe_places.get_or_insert_with(|| SamplePlaces::new(probe));
-        let samples = samples.get_or_insert_with(|| NearSamples::new(probe, scene));
-        Some(NearFields { probe, scene, probe_places, samples })
     }
 
     /// The deepest places of cells. They have no area, since other contacts represent theirs.

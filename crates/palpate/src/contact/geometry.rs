@@ -23,8 +23,8 @@ pub(crate) const MAX_POINTS: usize = 768;
 /// Number of numbers that are compared at once.
 const LANES: usize = 8;
 
-/// Largest number of scene objects near the body.
-pub(crate) const MAX_OBJECTS: usize = 8;
+/// Largest number of scene objects near the body. With more, a geometry takes longer to hand over.
+pub(crate) const MAX_OBJECTS: usize = 256;
 
 /// Distance within which contacts with a scene object are wanted beyond that of the body's own motion, in
 /// lengths of the object's last step.
@@ -463,7 +463,7 @@ mod tests {
             let frames = made.frames(&Pose::IDENTITY);
             let point = |i: usize| {
                 let within = (frames[i % 3].own(true).place_near(DVec3::X), 0.1);
-                GuardedPoint::new(within, true, (i % 3) as u8, &frames[i % 3])
+                GuardedPoint::new(within, 0, true, (i % 3) as u8, &frames[i % 3])
             };
             (0..count).map(point).collect()
         };

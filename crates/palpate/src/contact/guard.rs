@@ -1,12 +1,11 @@
 //! The contact loop's part of contacts as constraints: which points of the surfaces the haptic loop has to
 //! guard, and how far the body may move before it could touch another one.
 //!
-//! In fields, points start at the nearest sample in each small cell of the region of contact: samples of
-//! surfaces and of their long edges. Where there are no fields, they start at the contacts, corners and
-//! crossing edges of patches at full resolution. Each descends to a local minimum of the distance between the
-//! surfaces.
+//! Points start at the nearest convex feature in each small cell of the region of contact, and at each tip
+//! there. Each descends to a local minimum of the distance between the surfaces.
 
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 use arrayvec::ArrayVec;
@@ -18,11 +17,15 @@ use palpate_field::{FeatureMesh, Place};
 
 use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, NearObject};
 use super::guarded_point::{Frames, GuardedPoint};
-use super::patch_starts::PatchStarts;
+use super::near_features::NearFeature;
 
 /// Distance of surfaces up to which cells are smallest, as a fraction of their edge; beyond it they grow.
 /// With less, points that are soon needed are missing; with more, there are more points.
 const NEAR: f32 = 0.25;
+
+/// Number of cells of tips along the edge of another. With fewer, tips beside each other are one; with more,
+/// there are more points.
+const TIPS: f32 = 8.0;
 
 /// Largest growth: cells as large as the first, second or third power of the distance. With less, cells are
 /// large where surfaces are near each other; with more, few points are left of a surface that is far.
@@ -56,29 +59,24 @@ const RESERVED: usize = 2048;
 /// A place at which a guarded point may start.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Start {
-    pub on: StartPlace,
+    on: Place,
     /// Whether it is on the body in the hand, or on the scene object.
-    pub is_probe: bool,
-    /// Whether it is on an edge that is guarded as such, or on any feature of a face.
-    pub is_on_edge: bool,
-    /// Index of the scene object among those near.
-    pub object: u8,
+    is_probe: bool,
+    /// Whether its neighbours do not stand for it.
+    is_tip: bool,
+    /// Index of the scene object among those near, and its place in the scene.
+    object: (u8, u16),
     /// Number of the axis that the normal, or the edge, is nearest to; starts nearby are told apart by it.
     side: u8,
-    /// Largest distance from the place, m.
-    pub leash: f32,
-    /// Distance from the other surface, approximately, m.
-    pub distance: f32,
+    /// Largest distance of the point from the place, at least the edge of a cell, m.
+    leash: f32,
+    /// Distance from the other surface, and by how much that may be off, m.
+    distance: f32,
+    apart: f32,
+    /// Hint for a search of the other surface from there.
+    hint: u32,
     /// Place on the body in the hand, in its axes, m.
     at: Vec3,
-}
-
-/// Where a point starts on its own body.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum StartPlace {
-    Known(Place),
-    /// The nearest to a position in the mesh's frame, m.
-    Near(Vec3),
 }
 
 /// The workspace.
@@ -91,22 +89,19 @@ pub(super) struct Guard {
     chosen: Vec<u32>,
     /// Coarseness of the last query's cells.
     coarseness: u32,
-    pub patches: PatchStarts,
-    /// Starts in parts of surfaces that are far from each other, one in each.
-    pub far: Vec<Start>,
-    far_points: Vec<GuardedPoint>,
     points: Vec<GuardedPoint>,
     known: Known,
 }
 
-/// Points of the last query by the cells that they started in, from which those of the next one start.
+/// Points of the last query by the features and the cells that they started from, from which those of the next
+/// one start.
 #[derive(Debug, Default)]
 struct Known {
     points: HashMap<u64, GuardedPoint, FixedState>,
     /// Those of this query.
     next: HashMap<u64, GuardedPoint, FixedState>,
-    /// What they are on, and the cells' coarseness.
-    objects: ArrayVec<Arc<FeatureMesh>, MAX_OBJECTS>,
+    /// The surfaces that they are on by their places in the scene, and the cells' coarseness.
+    objects: ArrayVec<(usize, Arc<FeatureMesh>), MAX_OBJECTS>,
     coarseness: u32,
 }
 
@@ -138,23 +133,24 @@ impl Known {
         self.next.clear();
     }
 
-    /// Forgets points that are on other objects, or started in other cells.
+    /// Forgets points if another object is in the place of one that they are on, or they started in other
+    /// cells.
     fn keep(&mut self, objects: &[NearObject], coarseness: u32) {
-        let same = self.objects.len() == objects.len()
-            && self.objects.iter().zip(objects).all(|(own, near)| Arc::ptr_eq(own, &near.surface));
-        if !same || self.coarseness != coarseness {
+        let is_other = |near: &NearObject| {
+            let known = self.objects.iter().find(|(place, _)| *place == near.place);
+            known.is_some_and(|(_, surface)| !Arc::ptr_eq(surface, &near.surface))
+        };
+        if objects.iter().any(is_other) || self.coarseness != coarseness {
             self.points.clear();
-            self.objects = objects.iter().map(|near| Arc::clone(&near.surface)).collect();
-            self.coarseness = coarseness;
         }
+        self.objects = objects.iter().map(|near| (near.place, Arc::clone(&near.surface))).collect();
+        self.coarseness = coarseness;
     }
 }
 
 /// Limits on the guarded points of a geometry.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limits {
-    /// Distance within which points are guarded, m.
-    pub reach: f64,
     /// Edge of the smallest cells, m.
     pub edge: f64,
     /// Distance within which at most [`MAX_NEAR`] points are, since a step may meet all of them, m.
@@ -162,38 +158,43 @@ pub(super) struct Limits {
 }
 
 impl Start {
-    /// A start at a place near the body in the hand, at a position in its axes (m), with a direction there:
-    /// the normal out of it, or that of an edge.
-    pub fn new(
-        on: StartPlace,
-        (is_probe, is_on_edge): (bool, bool),
-        object: u8,
-        (at, direction): (DVec3, DVec3),
-        distance: f64,
-    ) -> Self {
+    /// A start at a feature near the object at a place in the scene, at a position in the probe's axes (m),
+    /// with a direction there: the normal out of the feature, or that of an edge.
+    pub fn new(near: &NearFeature, place_of_object: usize, (at, direction): (DVec3, DVec3)) -> Self {
         let axis = direction.abs().max_position();
         let side = 2 * axis as u8 + u8::from(direction[axis] < 0.0);
-        let (distance, at) = (distance as f32, at.as_vec3());
-        Self { on, is_probe, is_on_edge, object, side, leash: 0.0, distance, at }
+        let NearFeature { place, is_probe, is_tip, hint, .. } = *near;
+        let [distance, apart, leash] = [near.distance, near.apart, near.stands_for].map(|of| of as f32);
+        let object = (0, place_of_object as u16);
+        Self { on: place, is_probe, is_tip, object, side, leash, distance, apart, hint, at: at.as_vec3() }
     }
 
-    /// The place on its own body's surface.
-    fn place(&self, frames: &Frames<'_>) -> Place {
-        match self.on {
-            StartPlace::Known(place) => place,
-            StartPlace::Near(home) => frames.own(self.is_probe).place_near(home.as_dvec3()),
-        }
+    /// A key for the feature itself, which no cell has.
+    fn feature(&self) -> u64 {
+        let (feature, is_edge) = match self.on {
+            Place::Vertex(vertex) => (vertex, 0),
+            Place::Edge(edge, at) => (edge ^ at.to_bits().rotate_left(16), 1),
+        };
+        let kind = 1 << 2 | u64::from(self.is_probe) << 1 | is_edge;
+        kind << 61 | u64::from(self.object.1) << 32 | u64::from(feature)
+    }
+
+    /// A lower bound on the distance of the features that it stands for, m.
+    pub fn least(&self) -> f64 {
+        f64::from(self.distance) - f64::from(self.apart) - f64::from(self.leash)
     }
 
     /// The cell. Those that are 4096 edges apart have the same key.
     fn cell(&self, cells: &Cells) -> u64 {
         let edge = cells.edge as f32;
         let size = (cells.growth * ((self.distance / (NEAR * edge)).max(1.0) as u32).ilog2()).min(8);
-        let scale = 1.0 / (edge * (1 << size) as f32);
+        // Of tips, only those that are very near each other are one.
+        let scale = if self.is_tip { TIPS / edge } else { 1.0 / (edge * (1 << size) as f32) };
         let [x, y, z] = (self.at * scale).floor().to_array().map(|at| (at as i32 & 0xFFF) as u64);
-        let kind = u64::from(self.is_probe) | u64::from(self.is_on_edge) << 1;
-        let others =
-            [(u64::from(self.side), 3), (u64::from(size), 4), (kind, 2), (u64::from(self.object), 8)];
+        let is_on_edge = matches!(self.on, Place::Edge(..));
+        let kind = u64::from(self.is_probe) | u64::from(is_on_edge) << 1 | u64::from(self.is_tip) << 2;
+        let size = if self.is_tip { 0 } else { u64::from(size) };
+        let others = [(u64::from(self.side), 3), (size, 4), (kind, 3), (u64::from(self.object.1), 16)];
         others.iter().fold(x << 24 | y << 12 | z, |key, (part, bits)| key << bits | part)
     }
 }
@@ -205,19 +206,38 @@ impl Guard {
             cells: HashMap::with_capacity_and_hasher(RESERVED, FixedState::default()),
             coarseness: 0,
             chosen: Vec::with_capacity(RESERVED),
-            patches: PatchStarts::new(),
-            far: Vec::with_capacity(RESERVED),
-            far_points: Vec::with_capacity(RESERVED),
             points: Vec::with_capacity(RESERVED),
             known: Known::new(),
         }
+    }
+
+    /// Keeps the starts with some objects, given as ranges in turn.
+    pub fn keep(&mut self, objects: impl Iterator<Item = Range<usize>>) {
+        let mut kept = 0;
+        for (index, own) in objects.enumerate() {
+            for place in own {
+                let start =
+                    Start { object: (index as u8, self.starts[place].object.1), ..self.starts[place] };
+                self.starts[kept] = start;
+                kept += 1;
+            }
+        }
+        self.starts.truncate(kept);
+    }
+
+    /// Keeps the nearest starts, as many as given. Returns the least distance of the others, m.
+    pub fn limit(&mut self, most: usize) -> f64 {
+        if self.starts.len() <= most {
+            return f64::INFINITY;
+        }
+        self.starts.select_nth_unstable_by(most, |a, b| a.distance.total_cmp(&b.distance));
+        self.starts.drain(most..).map(|start| start.least()).fold(f64::INFINITY, f64::min)
     }
 
     /// Makes the points of the starts: one for each cell. Where surfaces lie along each other, cells are made
     /// coarser until there is room. Returns the distance of the nearest point for which there is none, m, and
     /// the number of these.
     pub fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, limits: &Limits) -> (f64, usize) {
-        self.make_far(geometry, mesh);
         // Bodies move little between queries: about as many cells as then come out as the same point. Cells
         // are made finer again where their points should fit.
         let same = self.points.len() as f64 / self.cells.len().max(1) as f64;
@@ -248,18 +268,6 @@ impl Guard {
         (nearest, self.points.len().saturating_sub(MAX_POINTS))
     }
 
-    /// Makes the points of the far starts.
-    fn make_far(&mut self, geometry: &ContactGeometry, mesh: &Pose) {
-        let Self { far, far_points, .. } = self;
-        far_points.clear();
-        let frames: ArrayVec<Frames<'_>, MAX_OBJECTS> = geometry.frames(mesh);
-        for start in far {
-            let Some(frames) = frames.get(usize::from(start.object)) else { continue };
-            let within = (start.place(frames), start.leash.into());
-            far_points.push(GuardedPoint::new(within, start.is_probe, start.object, frames));
-        }
-    }
-
     /// Whether the chosen starts are so many that not all of their points would find room, though some of
     /// them come out as the same.
     fn are_too_many(&self, near: f64) -> bool {
@@ -286,35 +294,35 @@ impl Guard {
         }
     }
 
-    /// Makes the points of the chosen starts within reach, the nearest first.
+    /// Makes the points of the chosen starts, the nearest first.
     fn make(&mut self, geometry: &ContactGeometry, mesh: &Pose, limits: &Limits, cells: &Cells) {
         self.points.clear();
         self.chosen.clear();
         self.chosen.extend(self.cells.values());
         self.known.keep(&geometry.objects, self.coarseness);
-        let Self { starts, chosen, known, points, far_points, .. } = &mut *self;
+        let Self { starts, chosen, known, points, .. } = &mut *self;
         let distance = |index: u32| starts[index as usize].distance;
         chosen.sort_unstable_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)));
         let frames: ArrayVec<Frames<'_>, MAX_OBJECTS> = geometry.frames(mesh);
         let later = MAX_LATER * limits.edge;
         for &index in chosen.iter() {
             let start = starts[index as usize];
-            let Start { is_probe, leash, object, .. } = start;
+            let Start { on, is_probe, leash, object: (object, _), .. } = start;
             let Some(frames) = frames.get(usize::from(object)) else { continue };
-            let within = (start.place(frames), cells.edge.max(leash.into()));
+            let within = (on, cells.edge.max(leash.into()));
             let key = start.cell(cells);
-            let before = known.points.get(&key).and_then(|known| known.resumed(within, frames));
+            let feature = start.feature();
+            let before = known.points.get(&feature).or_else(|| known.points.get(&key));
+            let before = before.map(|known| known.resumed(object, frames));
             // It may have gone on to where a surface is no longer the nearest.
             let point = before
-                .filter(|point| f64::from(point.slack) < f64::from(start.distance) + later)
-                .unwrap_or_else(|| GuardedPoint::new(within, is_probe, object, frames));
-            if f64::from(point.slack) < limits.reach {
-                points.push(point);
-                known.next.insert(key, point);
-            }
+                .filter(|point| f64::from(point.slack) < f64::from(start.distance + start.apart) + later)
+                .unwrap_or_else(|| GuardedPoint::new(within, start.hint, is_probe, object, frames));
+            points.push(point);
+            known.next.insert(key, point);
+            known.next.insert(feature, point);
         }
         known.step();
-        points.extend(far_points.iter().filter(|point| f64::from(point.slack) < limits.reach));
         let order = |a: &GuardedPoint, b: &GuardedPoint| {
             a.slack.total_cmp(&b.slack).then_with(|| a.place_key().cmp(&b.place_key()))
         };

@@ -108,29 +108,29 @@ impl<'a> Frames<'a> {
 }
 
 impl GuardedPoint {
-    /// A point that starts at a place and stays within `length` (m) of there.
-    pub fn new((place, length): (Place, f64), is_probe: bool, index: u8, frames: &Frames<'_>) -> Self {
+    /// A point that starts at a place and stays within `length` (m) of there. `hint` is for a search of the
+    /// other surface.
+    pub fn new(
+        (place, length): (Place, f64),
+        hint: u32,
+        is_probe: bool,
+        index: u8,
+        frames: &Frames<'_>,
+    ) -> Self {
         let Sides { own, other, to_other, .. } = frames.sides(is_probe);
         let home = own.position(&place);
-        let face = other.nearest(to_other.transform_point3(home)).face;
+        let face = other.face_near(to_other.transform_point3(home), hint);
         let leash = Leash { home: home.as_vec3(), length: length as f32 };
         let mut point = Self { place, leash, face, object: index, is_probe, stride: 1.0, slack: 0.0 };
         point.slack = point.descend(frames, MAX_FIRST_MOVES).1.distance as f32;
         point
     }
 
-    /// The point of an earlier query at new poses, within `length` (m) of another place on the same surface;
-    /// `None` if it is not there.
-    pub fn resumed(&self, (home, length): (Place, f64), frames: &Frames<'_>) -> Option<Self> {
-        let own = frames.own(self.is_probe);
-        let home = own.position(&home);
-        if own.position(&self.place).distance_squared(home) > length * length {
-            return None;
-        }
-        let mut point = *self;
-        point.leash = Leash { home: home.as_vec3(), length: length as f32 };
+    /// The point of an earlier query at new poses. `index` is that of the scene object now.
+    pub fn resumed(&self, index: u8, frames: &Frames<'_>) -> Self {
+        let mut point = Self { object: index, ..*self };
         point.slack = point.descend(frames, MAX_FIRST_MOVES).1.distance as f32;
-        Some(point)
+        point
     }
 
     /// Moves the point to where its surface is nearest to the other one, and measures it.

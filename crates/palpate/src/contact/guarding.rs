@@ -1,21 +1,19 @@
 //! The step of the contact loop that finds contact geometry.
 
+use std::ops::Range;
 use std::sync::Arc;
 
-use arrayvec::ArrayVec;
-use palpate_collide::{ObjectHandle, QuerySettings};
+use palpate_collide::ObjectHandle;
+use palpate_core::Pose;
 use palpate_core::glam::DVec3;
-use palpate_core::{Clod, Pose};
 use palpate_dynamics::{BodyState, MotionBound, MovingBody};
 use palpate_field::FeatureMesh;
 
 use super::ContactLoop;
 use super::assemble::counterpart;
-use super::by_fields::{NearFields, in_steps};
-use super::geometry::{ContactGeometry, MAX_OBJECT_MOTION, NearObject};
-use super::guard::{Guard, Limits, Start, StartPlace};
-use super::near_samples::{Sampled, sample_long_edges};
-use super::proxy::{ContactFinder as _, LevelFinder, QueryReport};
+use super::geometry::{ContactGeometry, MAX_OBJECT_MOTION, MAX_OBJECTS, NearObject};
+use super::guard::{Guard, Limits, Start};
+use super::near_features::{NearFeatures, Reaches};
 use crate::settings::Response;
 
 /// Edge of the cells in each of which a point starts, in bounding radii of the body. With larger cells, local
@@ -30,36 +28,29 @@ const MARGIN: f64 = 7e-5;
 /// where it is when it starts to move.
 const MIN_REACH: f64 = 2.0;
 
-/// Distance within which points are guarded, in tolerances d, if patches within a larger one have more starts
-/// than [`MAX_STARTS`]. With less, a fast body waits near surfaces; with more, queries take longer.
-const NARROW_REACH: f64 = 4.0;
+/// Number of query intervals for which a body has room: one passes before a query's answer is in use, another
+/// before that of the next one is, and one is a margin. With fewer, a body waits for queries.
+const INTERVALS: f64 = 3.0;
 
-/// Largest distance within which parts of surfaces are guarded beyond the fields' band, in tolerances d. With
-/// less, a fast body waits for queries; with more, the parts are too large to be guarded by a point each.
-const FAR_REACH: f64 = 16.0;
+/// Longest query interval for which it has room, s. With more, a body whose queries are late searches most of
+/// the scene.
+const MAX_INTERVAL: f64 = 0.1;
 
-/// Sizes of these parts that are tried, relative to the distance from which they are. With smaller ones,
-/// there are more points; with larger ones, minima of the distance are missed.
-const FAR_SIZES: [f64; 4] = [0.5, 1.0, 2.0, 4.0];
-
-/// Largest number of them on a surface.
-const MAX_FAR: usize = 128;
-
-/// Acceleration of a body in a hand, m/s², for which it has room until newer contacts. With less, a body that
-/// speeds up is held back; with more, points are guarded that it does not reach.
+/// Acceleration of a body that its coupling draws, m/s². With less, a body that speeds up is held back; with
+/// more, points are guarded that it does not reach.
 const ACCELERATION: f64 = 5.0;
 
-/// Number of starts in patches from which a narrower distance is searched. With more, queries of fast bodies
-/// take longer.
+/// Largest number of starts: the nearest. With more, queries of fast bodies take longer; with fewer, they
+/// wait near surfaces.
 const MAX_STARTS: usize = 16_384;
 
-/// Length of long edges, in edges of cells. With more, samples of faces leave out places at which coarse
-/// meshes touch; with less, edges of fine meshes are sampled one by one.
+/// Length of edges that are searched by themselves, in edges of cells. With more, places at which coarse
+/// meshes touch are left out; with less, edges of fine meshes are searched one by one.
 const LONG: f64 = 2.0;
 
-/// Speed of the hand, m/s, at which a body that is clear of all surfaces is not held back. With more, it
+/// Acceleration of a hand, m/s², at which a body that is clear of all surfaces is not held back. With more, it
 /// takes longer to find how far it is clear of them.
-const HAND_SPEED: f64 = 2.0;
+const HAND_ACCELERATION: f64 = 50.0;
 
 /// Time of motion within which a step may meet a point, s. With more, cells are larger than they need to be.
 const NEAR_TIME: f64 = 1e-3;
@@ -67,10 +58,68 @@ const NEAR_TIME: f64 = 1e-3;
 /// The same for a body at rest, in tolerances d.
 const MIN_NEAR: f64 = 0.1;
 
-/// Largest distance of a point from where it starts, in edges of cells and at least the reach, where edges
-/// cross. With less, edges that slide over each other lose it; with more, crossings that are apart become
-/// one.
-const CROSSING_LEASH: f64 = 4.0;
+/// Number of queries after which what is known of an object that was not near in them is forgotten.
+const KEPT: u64 = 256;
+
+/// What draws a body on, by the haptic loop.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Draw {
+    /// Bound on how far any point of the body is from where the hand would hold it, m.
+    pub stretch: f64,
+    /// Bound on the speed of any point of a body in the hand, m/s.
+    pub speed: f64,
+}
+
+/// An object near the body, its starts, and the least distance of what they stand for, m.
+struct Found {
+    object: NearObject,
+    starts: Range<usize>,
+    least: f64,
+}
+
+/// What is known of the distances from the scene objects, by their places.
+#[derive(Debug, Default)]
+pub(super) struct Pairs {
+    pairs: Vec<Option<Pair>>,
+    /// Number of queries so far.
+    queries: u64,
+}
+
+#[derive(Debug)]
+struct Pair {
+    near: NearFeatures,
+    surface: Arc<FeatureMesh>,
+    /// Query in which the object was last near.
+    used: u64,
+}
+
+impl Pairs {
+    /// What is known of the object at a place, with a surface.
+    fn of(&mut self, place: usize, surface: &Arc<FeatureMesh>) -> &mut NearFeatures {
+        if self.pairs.len() <= place {
+            self.pairs.resize_with(place + 1, || None);
+        }
+        let kept = self.pairs[place].take().filter(|pair| Arc::ptr_eq(&pair.surface, surface));
+        let made = || Pair { near: NearFeatures::default(), surface: Arc::clone(surface), used: 0 };
+        let pair = self.pairs[place].insert(kept.unwrap_or_else(made));
+        pair.used = self.queries;
+        &mut pair.near
+    }
+
+    /// Ends a query: forgets objects that have not been near for long.
+    fn end(&mut self) {
+        self.queries += 1;
+        let queries = self.queries;
+        for pair in &mut self.pairs {
+            pair.take_if(|pair| pair.used + KEPT < queries);
+        }
+    }
+
+    /// Bytes of memory held.
+    pub fn bytes(&self) -> usize {
+        self.pairs.iter().flatten().map(|pair| pair.near.bytes()).sum()
+    }
+}
 
 impl ContactLoop {
     /// Whether contacts with the object at a place are constraints. Contacts with light objects that they
@@ -105,16 +154,18 @@ impl ContactLoop {
 
     /// Finds what the haptic loop needs to hold the body out of the objects that are guarded; `None` if the
     /// body has no surface.
-    pub(super) fn guard(&mut self, body: &BodyState) -> Option<ContactGeometry> {
+    pub(super) fn guard(&mut self, body: &BodyState, draw: &Draw) -> Option<ContactGeometry> {
         let tolerance = self.parameters.tolerance;
-        let ahead = self.lookahead.horizon(self.interval);
+        let interval = if self.interval > 0.0 { self.interval.min(MAX_INTERVAL) } else { 0.0 };
+        let ahead = INTERVALS * interval;
         let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
-        let motion = (speed + 0.5 * ACCELERATION * ahead) * ahead;
-        // In patches a wide search takes long, so that the body has room for its present speed alone.
-        let searched = if self.is_by_fields() { motion } else { speed * ahead };
-        let mut reach =
-            in_steps(tolerance + searched, tolerance).max(MIN_REACH * tolerance).min(self.max_reach());
+        // A body that waits is slow, and goes on with the hand.
+        let drawn = (0.5 * ACCELERATION * ahead * ahead).min(draw.stretch + draw.speed * ahead);
+        let reach = (tolerance + speed * ahead + drawn).max(MIN_REACH * tolerance);
         let radius = self.probe.bounding_radius();
+        let edge = CELL * radius;
+        let enough = reach + (draw.speed + 0.5 * HAND_ACCELERATION * ahead) * ahead;
+        let reaches = Reaches { reach, enough, edge, long: LONG * edge };
         let mut geometry = ContactGeometry {
             probe: self.probe.features()?,
             center_of_mass: self.center_of_mass,
@@ -129,37 +180,70 @@ impl ContactLoop {
         let mesh = body.pose * Pose::from_translation(-self.center_of_mass);
         let mut guard = std::mem::take(&mut self.guard);
         guard.starts.clear();
-        guard.far.clear();
-        let mut report = QueryReport::default();
-        let edge = CELL * radius;
-        let room = if self.is_by_fields() {
-            let enough = reach + (2.0 * motion).max(HAND_SPEED * ahead);
-            let wanted = (tolerance + motion).min(FAR_REACH * tolerance).max(reach);
-            let reaches = [reach, wanted, enough.min(self.probe.shape().max_tolerance()).max(wanted)];
-            let room = self.start_in_fields(&mut guard, &mut geometry, (&mesh, edge), reaches, &mut report);
-            reach = wanted;
-            room
-        } else {
-            let at = (&mesh, edge);
-            let wide = self.start_at_patches(&mut guard, &mut geometry, at, (reach, MAX_STARTS), &mut report);
-            wide.unwrap_or_else(|| {
-                reach = reach.min(NARROW_REACH * tolerance);
-                guard.starts.clear();
-                geometry.objects.clear();
-                let all = (reach, usize::MAX);
-                self.start_at_patches(&mut guard, &mut geometry, at, all, &mut report).unwrap_or(0.0)
-            })
-        };
+        let room = self.start(&mut guard, &mut geometry, &mesh, &reaches);
+        let room = room.min(guard.limit(MAX_STARTS));
         let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
-        let (nearest, dropped) = guard.fill(&mut geometry, &mesh, &Limits { reach, edge, near });
-        geometry.bound.room = if report.refused { 0.0 } else { room.min(nearest.max(0.0)) };
+        let (nearest, dropped) = guard.fill(&mut geometry, &mesh, &Limits { edge, near });
+        geometry.bound.room = room.min(nearest).max(0.0);
         geometry.far_speed = self.far_speed(&geometry);
         self.guard = guard;
-        let events = &mut self.telemetry.events;
-        events.contact_refused += u64::from(report.refused);
-        events.contact_overflow += (report.dropped + dropped) as u64;
-        events.not_converged += report.not_converged as u64;
+        self.telemetry.events.contact_overflow += dropped as u64;
         Some(geometry)
+    }
+
+    /// Starts points at the features of the body and of the objects near it. Returns how far the body may
+    /// move before it could touch something else, m; 0 if an object could not be searched.
+    fn start(
+        &mut self,
+        guard: &mut Guard,
+        geometry: &mut ContactGeometry,
+        mesh: &Pose,
+        reaches: &Reaches,
+    ) -> f64 {
+        let events = &mut self.telemetry.events;
+        let Ok(invalid) = self.scene.find_near(mesh, reaches.enough) else {
+            events.contact_refused += 1;
+            return 0.0;
+        };
+        events.contact_refused += u64::from(invalid > 0);
+        let mut room = if invalid > 0 { 0.0 } else { reaches.enough };
+        let handles: Vec<ObjectHandle> = self.scene.near().collect();
+        let mut pairs = std::mem::take(&mut self.pairs);
+        let ball = (self.center_of_mass, self.radius);
+        let mut near: Vec<Found> = Vec::with_capacity(handles.len());
+        for handle in handles {
+            let Some(object) = self.near_object(handle) else { continue };
+            let to_probe = mesh.inverse() * object.pose;
+            let (probe, scene) = (&*geometry.probe, &*object.surface);
+            let first = guard.starts.len();
+            let known = pairs.of(object.place, &object.surface);
+            let clear = known.find((probe, mesh), (scene, &object.pose), ball, reaches, |near| {
+                let start = if near.is_probe {
+                    (near.point, probe.direction(&near.place))
+                } else {
+                    let direction = to_probe.transform_vector(scene.direction(&near.place));
+                    (to_probe.transform_point(near.point), direction)
+                };
+                guard.starts.push(Start::new(near, object.place, start));
+            });
+            room = room.min(clear);
+            let own = &guard.starts[first..];
+            if !own.is_empty() {
+                let least = own.iter().map(Start::least).fold(f64::INFINITY, f64::min);
+                near.push(Found { object, starts: first..guard.starts.len(), least });
+            }
+        }
+        if near.len() > MAX_OBJECTS {
+            // Those without room bound the motion by their distance.
+            near.select_nth_unstable_by(MAX_OBJECTS, |a, b| a.least.total_cmp(&b.least));
+            room = near.drain(MAX_OBJECTS..).map(|found| found.least).fold(room, f64::min);
+            near.sort_unstable_by_key(|found| found.starts.start);
+        }
+        guard.keep(near.iter().map(|found| found.starts.clone()));
+        geometry.objects.extend(near.into_iter().map(|found| found.object));
+        pairs.end();
+        self.pairs = pairs;
+        room
     }
 
     /// Bound on the speed of moving objects that may come near before the next query and have no points in a
@@ -210,163 +294,4 @@ impl ContactLoop {
             pushed: None,
         })
     }
-
-    /// Starts points at the samples in fields within the first of three reaches (m), at long edges, and in
-    /// parts of surfaces within the second. Returns how far the body may move before it could touch something
-    /// else, up to the third, m.
-    fn start_in_fields(
-        &mut self,
-        guard: &mut Guard,
-        geometry: &mut ContactGeometry,
-        (mesh, edge): (&Pose, f64),
-        [reach, wanted, enough]: [f64; 3],
-        report: &mut QueryReport,
-    ) -> f64 {
-        let Guard { starts, far, .. } = guard;
-        let Ok(invalid) = self.scene.find_near(mesh, enough) else {
-            report.refused = true;
-            return 0.0;
-        };
-        report.refused |= invalid > 0;
-        let (mut room, long) = (enough, LONG * edge);
-        let handles: ArrayVec<ObjectHandle, 64> = self.scene.near().take(64).collect();
-        for handle in handles {
-            let Some(object) = self.near_object(handle) else { continue };
-            let Ok(fields) = &mut self.by_fields else { continue };
-            let settings = fields.needs.settings(reach);
-            let Some(NearFields { probe, scene, probe_places, samples }) = fields.near(handle.place()) else {
-                continue;
-            };
-            let to_object = object.pose.inverse() * *mesh;
-            let clearance = probe.body().clearance(scene.body(), &to_object, (wanted, enough));
-            if clearance > wanted || geometry.objects.is_full() {
-                room = room.min(clearance);
-                continue;
-            }
-            let index = geometry.objects.len() as u8;
-            let probe = (probe.body(), &*geometry.probe, mesh);
-            let scene = (scene.body(), &*object.surface, &object.pose);
-            samples.find(probe, probe_places, scene, long, &settings, |sample, place| {
-                let on = StartPlace::Known(place);
-                let (at, direction) = (sample.on_probe.as_dvec3(), sample.normal.as_dvec3());
-                let (is_probe, distance) = (sample.is_probe, sample.distance);
-                starts.push(Start::new(on, (is_probe, false), index, (at, direction), distance));
-            });
-            for (own, other, is_probe) in [(probe, scene, true), (scene, probe, false)] {
-                let to_probe = if is_probe { Pose::IDENTITY } else { to_object.inverse() };
-                sample_long_edges(own, other, (long, edge), reach, |sample| {
-                    let on = StartPlace::Known(sample.place);
-                    let at = to_probe.transform_point(sample.point);
-                    let along = to_probe.transform_vector(sample.along);
-                    starts.push(Start::new(on, (is_probe, true), index, (at, along), sample.distance));
-                });
-            }
-            let sides = [(probe, scene, true), (scene, probe, false)];
-            room = room.min(start_all_far(far, sides, index, (reach, wanted)));
-            geometry.objects.push(object);
-        }
-        room
-    }
-
-    /// Starts points where patches within a reach (m) may touch. Returns how far the body may move before
-    /// it could touch something else, m; `None` if there are more than `most` starts.
-    fn start_at_patches(
-        &mut self,
-        guard: &mut Guard,
-        geometry: &mut ContactGeometry,
-        (mesh, edge): (&Pose, f64),
-        (reach, most): (f64, usize),
-        report: &mut QueryReport,
-    ) -> Option<f64> {
-        let settings = QuerySettings::new(reach);
-        let mut finder = LevelFinder { scene: &mut self.scene, settings };
-        let complete = finder.find(mesh, report);
-        let to_probe = mesh.inverse();
-        let mut room = if complete { reach } else { 0.0 };
-        for found in self.scene.contacts() {
-            let Some(object) = self.near_object(found.object) else { continue };
-            if geometry.objects.is_full() {
-                room = 0.0;
-                break;
-            }
-            let index = geometry.objects.len() as u8;
-            let to_object = object.pose.inverse();
-            let Some(scene) = self.objects.get(found.object.place()).and_then(Option::as_ref) else {
-                continue;
-            };
-            let Guard { starts, patches, .. } = &mut *guard;
-            for patch in found.contacts {
-                if starts.len() > most {
-                    return None;
-                }
-                let contact = patch.contact;
-                let mut start = |at: DVec3, is_probe: bool, distance: f64, along: Option<DVec3>| {
-                    let on_probe = to_probe.transform_point(at);
-                    let home = if is_probe { on_probe } else { to_object.transform_point(at) };
-                    let on = StartPlace::Near(home.as_vec3());
-                    // A corner of several patches is one start.
-                    let direction = along.map_or(DVec3::Z, |along| to_probe.transform_vector(along));
-                    let kind = (is_probe, along.is_some());
-                    let mut start = Start::new(on, kind, index, (on_probe, direction), distance);
-                    if along.is_some() {
-                        start.leash = (CROSSING_LEASH * edge).max(reach) as f32;
-                    }
-                    starts.push(start);
-                };
-                start(contact.point, true, -contact.depth, None);
-                start(contact.scene_point, false, -contact.depth, None);
-                let probe = (&*self.probe.clod, patch.probe_node, mesh);
-                let scene = (&*scene.object.clod, patch.scene_node, &object.pose);
-                // The contact itself stands for small patches.
-                let radius = |(clod, node, _): (&Clod, u32, &Pose)| clod.node(node).radius;
-                if radius(probe).max(radius(scene)) < edge {
-                    continue;
-                }
-                patches.find(probe, scene, &contact, reach, start);
-            }
-            geometry.objects.push(object);
-        }
-        Some(room)
-    }
-}
-
-/// Starts points in parts of two surfaces that are further from each other than the first of two reaches (m).
-/// Returns how far the bodies are from touching in any other part, m: the second reach, or less where its
-/// parts are too many.
-fn start_all_far(
-    far: &mut Vec<Start>,
-    sides: [(Sampled<'_>, Sampled<'_>, bool); 2],
-    object: u8,
-    (reach, wanted): (f64, f64),
-) -> f64 {
-    let first = far.len();
-    let mut within = wanted;
-    while within > reach {
-        for size in FAR_SIZES {
-            if sides.into_iter().all(|sides| start_far(far, sides, object, (reach, within), size * reach)) {
-                return within;
-            }
-            far.truncate(first);
-        }
-        within *= 0.5;
-    }
-    reach
-}
-
-/// Starts points in parts of about a size (m) of a surface that are within reaches (m) of another one;
-/// `false` if there are too many.
-fn start_far(
-    far: &mut Vec<Start>,
-    (own, other, is_probe): (Sampled<'_>, Sampled<'_>, bool),
-    object: u8,
-    reaches: (f64, f64),
-    size: f64,
-) -> bool {
-    let to_other = other.2.inverse() * *own.2;
-    own.0.parts_within(other.0, &to_other, reaches, (size, MAX_FAR), |part| {
-        let on = StartPlace::Near(part.center.as_vec3());
-        let mut start = Start::new(on, (is_probe, false), object, (DVec3::ZERO, DVec3::Z), part.distance);
-        start.leash = 2.0 * part.radius as f32;
-        far.push(start);
-    })
 }

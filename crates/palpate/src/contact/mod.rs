@@ -13,8 +13,7 @@ mod in_scene;
 mod lookahead;
 pub(crate) mod merging;
 pub(crate) mod monitor;
-mod near_samples;
-mod patch_starts;
+mod near_features;
 pub(crate) mod proxy;
 pub mod representative;
 mod search;
@@ -36,6 +35,8 @@ use self::by_fields::{ByFields, FieldFinder, in_steps};
 use self::geometry::{ContactGeometry, PredictedMotion};
 use self::group::ContactGroup;
 use self::guard::Guard;
+pub(crate) use self::guarding::Draw;
+use self::guarding::Pairs;
 use self::in_scene::{InScene, objects_of};
 use self::lookahead::Lookahead;
 pub(crate) use self::search::ByLevels;
@@ -137,6 +138,8 @@ pub struct ContactLoop {
     may_constrain: bool,
     /// Workspace of contacts that are constraints.
     guard: Guard,
+    /// Distances from the scene objects, if contacts are constraints.
+    pairs: Pairs,
     /// Texture stage, if an object is textured.
     textures: Option<Textures>,
     braking: bool,
@@ -200,6 +203,7 @@ impl ContactLoop {
             response: settings.contact.response,
             may_constrain: true,
             guard: Guard::new(),
+            pairs: Pairs::default(),
             textures,
             braking,
             mass: body.mass,
@@ -218,14 +222,19 @@ impl ContactLoop {
         self.parameters.tolerance
     }
 
-    /// Finds the contacts for the grasped object's state at `time` (s). Allocates only while the workspaces
-    /// grow to the size that the scene needs.
+    /// Finds the contacts for the grasped object's state at `time` (s), where it is at rest in the hand or
+    /// moves with it. Allocates only while the workspaces grow to the size that the scene needs.
     pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
+        self.step_drawn(body, &Draw::default(), time)
+    }
+
+    /// The same for an object that the hand draws on.
+    pub(crate) fn step_drawn(&mut self, body: &BodyState, draw: &Draw, time: f64) -> ContactUpdate {
         self.interval = time - std::mem::replace(&mut self.time, time);
         self.make_edits();
         self.tune(self.interval);
         self.move_objects(body, time);
-        let geometry = if self.response == Response::Constraints { self.guard(body) } else { None };
+        let geometry = if self.response == Response::Constraints { self.guard(body, draw) } else { None };
         let update = if geometry.is_some() && self.guards_all() {
             self.begin_snapshot(time);
             ContactUpdate::new(LinearContactModel::empty(&body.pose, time), time, 0.0, 0)
@@ -375,7 +384,8 @@ impl ContactLoop {
     /// Memory that the query workspaces and the objects' fields hold, bytes; the objects' hierarchies are not
     /// counted.
     pub fn workspace_bytes(&self) -> usize {
-        self.scene.bytes() + self.by_fields.as_ref().map_or(0, |fields| fields.bytes())
+        let fields = self.by_fields.as_ref().map_or(0, |fields| fields.bytes());
+        self.scene.bytes() + self.pairs.bytes() + fields
     }
 
     /// Telemetry since the start.

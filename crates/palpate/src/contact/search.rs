@@ -114,13 +114,14 @@ pub(super) fn choose(
     {
         return Ok(Err(why));
     }
-    let mut fields = match ByFields::new(needs, probe, settings.search.clusters, settings.contact.response) {
+    let mut fields = match ByFields::new(needs, probe, settings.search.clusters) {
         Err(open) => return Ok(Err(ByLevels::NoField(open))),
         Ok(fields) => fields,
     };
+    let is_reserved = settings.contact.response == Response::Penalty;
     for (place, object) in objects.iter().enumerate() {
         if let Some(object) = object
-            && let Err(open) = fields.insert(place, object, place < RESERVED)
+            && let Err(open) = fields.insert(place, object, is_reserved && place < RESERVED)
         {
             return Ok(Err(ByLevels::NoField(open)));
         }

@@ -61,6 +61,11 @@ impl BodyContacts {
         }
     }
 
+    /// Bounding radius of the body about its centre of mass, m.
+    pub fn radius(&self) -> f64 {
+        self.radius
+    }
+
     /// Finds the unilateral contacts that a step of `dt` (s) from a state may reach, with scene objects that
     /// contacts push and those in other hands. Returns the bound on its motion.
     pub fn find(

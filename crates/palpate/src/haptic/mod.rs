@@ -25,7 +25,9 @@ use arrayvec::ArrayVec;
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
 use palpate_device::{DeviceState, Specification, Status};
-use palpate_dynamics::{ContactBlend, DeviceMapping, GripperMotion, SlewLimit, StepFailure, VirtualCoupling};
+use palpate_dynamics::{
+    ContactBlend, DeviceMapping, GripperMotion, MotionBound, SlewLimit, StepFailure, VirtualCoupling,
+};
 use rtrb::Consumer;
 
 use self::body_contacts::BodyContacts;
@@ -39,9 +41,9 @@ use self::pushed_objects::PushedObjects;
 use self::reactions::Reactions;
 use self::tracking::{Reading, Tracking};
 use self::workspace::{Workspace, motion_at};
-use crate::contact::ContactUpdate;
 use crate::contact::geometry::PredictedMotion;
 use crate::contact::monitor::ConstraintForces;
+use crate::contact::{ContactUpdate, Draw};
 use crate::scene::SceneId;
 use crate::scene::clock::SessionClock;
 use crate::scene::moving::HandMotion;
@@ -78,6 +80,8 @@ pub struct HapticLoop<T: Tool = Rigid> {
     bodies: Box<[BodyContacts]>,
     /// Scene objects that contacts push.
     pushed: Box<PushedObjects>,
+    /// Motion of the hand in the last step.
+    hand: Option<Hand>,
     outputs: Outputs,
     /// Ramp of the coupling to newly set gains.
     tuning: Option<Ramp<VirtualCoupling>>,
@@ -157,6 +161,7 @@ impl<T: Tool> HapticLoop<T> {
             failed_steps: 0,
             bodies: bodies.collect(),
             pushed: Box::default(),
+            hand: None,
             outputs: Outputs::default(),
             tuning: None,
             started: f64::NAN,
@@ -226,6 +231,24 @@ impl<T: Tool> HapticLoop<T> {
         known.penalties = (depth, contacts);
     }
 
+    /// What draws a body on, for the contact loop.
+    pub(crate) fn draw(&self, body: usize) -> Draw {
+        let (Some(hand), Some(contacts)) = (&self.hand, self.bodies.get(body)) else {
+            return Draw::default();
+        };
+        let [first, own] = [0, body].map(|body| self.tool.body_state(body).pose);
+        let held = self.tool.coupling().relaxed_pose(&hand.device.pose);
+        // A body at a hinge is drawn by the first one, and turns with the gripper.
+        let radius = own.translation.distance(first.translation) + contacts.radius();
+        let rate = if body == 0 { 0.0 } else { 2.0 * contacts.radius() * hand.gripper.rate.abs() };
+        let lever = held.translation.distance(hand.device.pose.translation) + radius;
+        let Twist { linear, angular } = hand.device.twist;
+        Draw {
+            stretch: MotionBound { from: held, radius, ..MotionBound::NONE }.displacement(&first),
+            speed: linear.length() + angular.length() * lever + rate,
+        }
+    }
+
     /// Number of contacts of all bodies, before clustering.
     fn contacts(&self) -> u32 {
         self.bodies.iter().map(|body| body.found.contacts).sum()
@@ -265,6 +288,7 @@ impl<T: Tool> HapticLoop<T> {
         };
         // From the handle, which the device's torque is about, to the grasp.
         let arm = hand.device.pose.translation - handle.pose.translation;
+        self.hand = Some(hand);
         let stored = self.observe(&hand);
         let events = &mut self.telemetry.events;
         let harmful = self.output.is_harmful(&self.tracking, (stored, elapsed), events);

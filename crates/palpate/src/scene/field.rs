@@ -61,11 +61,6 @@ impl Field {
         Self { body: FieldBody::new(mesh, options), thin: thin_share(mesh, options.tolerance) }
     }
 
-    /// The field itself.
-    pub(crate) fn body(&self) -> &FieldBody {
-        &self.body
-    }
-
     /// Error of depths that are read in the field, m ([`FieldBody::error`]).
     pub fn error(&self) -> f64 {
         self.body.error()
@@ -100,15 +95,6 @@ impl Field {
 /// Makes the workspace of queries between a probe and a scene object.
 pub(crate) fn new_query(probe: &Field, scene: &Field) -> FieldQuery {
     FieldQuery::new(&probe.body, &scene.body, FIELD_REACH)
-}
-
-/// Edge of the cells of queries for guarded points, in bounding radii of the probe: it decides how densely
-/// the surface is sampled.
-const FINE_REACH: f64 = 0.05;
-
-/// Makes the workspace of queries for guarded points.
-pub(crate) fn new_fine_query(probe: &Field, scene: &Field) -> FieldQuery {
-    FieldQuery::new(&probe.body, &scene.body, FINE_REACH)
 }
 
 /// Finds the contacts of two fields at poses, and appends them to `into`.

@@ -33,7 +33,7 @@ fn block(edges: DVec3) -> FeatureMesh {
 
 /// A point that starts near `home` (m, in its own frame).
 fn new((home, length): (DVec3, f64), is_probe: bool, frames: &Frames<'_>) -> GuardedPoint {
-    GuardedPoint::new((frames.own(is_probe).place_near(home), length), is_probe, 0, frames)
+    GuardedPoint::new((frames.own(is_probe).place_near(home), length), 0, is_probe, 0, frames)
 }
 
 fn measure(
