@@ -190,6 +190,11 @@ impl ContactGeometry {
         found.take_over(before, friction);
     }
 
+    /// Whether no object that may come near moves.
+    pub fn is_still(&self) -> bool {
+        self.far_speed == 0.0 && self.objects.iter().all(|object| object.is_still())
+    }
+
     /// Guards points, as many as there is room for.
     pub fn guard(&mut self, points: &[GuardedPoint]) {
         let points = &points[..points.len().min(MAX_POINTS)];
@@ -270,6 +275,10 @@ impl ContactGeometry {
 }
 
 impl NearObject {
+    fn is_still(&self) -> bool {
+        self.speed == 0.0 && self.pushable.is_none() && !self.felt_elsewhere
+    }
+
     fn assign(&mut self, found: &Self) {
         let Self { place, surface, pose, motion, speed, moved, felt_elsewhere, pushable, pushed } = self;
         if !Arc::ptr_eq(surface, &found.surface) {

@@ -91,6 +91,7 @@ impl<'a> Frames<'a> {
     }
 
     /// The surface of the body in the hand, or of the scene object.
+    #[cfg(test)]
     pub fn own(&self, is_probe: bool) -> &'a FeatureMesh {
         if is_probe { self.probe.0 } else { self.object.0 }
     }

@@ -40,6 +40,10 @@ const MAX_INTERVAL: f64 = 0.1;
 /// more, points are guarded that it does not reach.
 const ACCELERATION: f64 = 5.0;
 
+/// Least motion that points without room leave to a body, in tolerances d. With none, a body that more points
+/// touch than there is room for could not come away; with more, these points overlap.
+const MIN_ROOM: f64 = 0.02;
+
 /// Largest number of starts: the nearest. With more, queries of fast bodies take longer; with fewer, they
 /// wait near surfaces.
 const MAX_STARTS: usize = 16_384;
@@ -181,10 +185,11 @@ impl ContactLoop {
         let mut guard = std::mem::take(&mut self.guard);
         guard.starts.clear();
         let room = self.start(&mut guard, &mut geometry, &mesh, &reaches);
-        let room = room.min(guard.limit(MAX_STARTS));
+        let room = room.min(guard.limit(MAX_STARTS).max(MIN_ROOM * tolerance));
         let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
         let (nearest, dropped) = guard.fill(&mut geometry, &mesh, &Limits { edge, near });
-        geometry.bound.room = room.min(nearest).max(0.0);
+        // Points for which there is no room are further away than all others.
+        geometry.bound.room = room.max(0.0).min(nearest.max(MIN_ROOM * tolerance));
         geometry.far_speed = self.far_speed(&geometry);
         self.guard = guard;
         self.telemetry.events.contact_overflow += dropped as u64;
@@ -236,7 +241,9 @@ impl ContactLoop {
         if near.len() > MAX_OBJECTS {
             // Those without room bound the motion by their distance.
             near.select_nth_unstable_by(MAX_OBJECTS, |a, b| a.least.total_cmp(&b.least));
-            room = near.drain(MAX_OBJECTS..).map(|found| found.least).fold(room, f64::min);
+            let least = MIN_ROOM * self.parameters.tolerance;
+            self.telemetry.events.contact_overflow += (near.len() - MAX_OBJECTS) as u64;
+            room = near.drain(MAX_OBJECTS..).map(|found| found.least.max(least)).fold(room, f64::min);
             near.sort_unstable_by_key(|found| found.starts.start);
         }
         guard.keep(near.iter().map(|found| found.starts.clone()));

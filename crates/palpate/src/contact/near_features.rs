@@ -119,13 +119,11 @@ impl Reading {
 }
 
 impl Readings {
-    /// Makes room for the features of a surface, with its edges or without.
-    fn fit(&mut self, tree: &FeatureTree, with_edges: bool) {
+    /// Makes room for the features of a surface.
+    fn fit(&mut self, tree: &FeatureTree) {
         self.vertices.resize(tree.vertices.len(), Reading::NONE);
-        if with_edges {
-            self.edges.resize(tree.edges.len(), Reading::NONE);
-            self.parts.resize(tree.edges.len(), Vec::new());
-        }
+        self.edges.resize(tree.edges.len(), Reading::NONE);
+        self.parts.resize(tree.edges.len(), Vec::new());
     }
 
     fn bytes(&self) -> usize {
@@ -164,13 +162,12 @@ impl NearFeatures {
         for (side, (own, other, to_other)) in surfaces.into_iter().enumerate() {
             let tree = own.tree();
             let readings = &mut self.sides[side];
-            let is_probe = side == 0;
-            readings.fit(tree, is_probe);
+            readings.fit(tree);
             let mut search = Search {
                 own,
                 other,
                 to_other,
-                is_probe,
+                is_probe: side == 0,
                 is_closed: other.is_closed(),
                 moved: self.moved,
                 reaches: *reaches,
@@ -179,10 +176,7 @@ impl NearFeatures {
                 to: &mut to,
             };
             search.vertices(&tree.vertices, &mut readings.vertices);
-            if is_probe {
-                // Where edges cross, one of them is the probe's.
-                search.edges(&tree.edges, readings);
-            }
+            search.edges(&tree.edges, readings);
             room = search.room;
         }
         room

@@ -21,12 +21,18 @@ const MAX_STRAY: (f64, f64) = (0.5, 0.01);
 const MIN_REACH: f64 = 3e-5;
 const REACH: f64 = 2.0;
 
+/// Age at which constraints of surfaces that stand still are overdue, s: the contact loop may have ended, and
+/// the scene may have changed since.
+const STILL_TIMEOUT: f64 = 0.5;
+
 /// The contacts of one body.
 #[derive(Clone, Debug)]
 pub(super) struct BodyContacts {
     pub blend: ContactBlend,
     /// Contact geometry, if contacts are constraints.
     pub geometry: Option<ContactGeometry>,
+    /// Whether contacts will be constraints, and none were found yet.
+    awaited: bool,
     slacks: Slacks,
     /// Contacts of this step and of the one before, which change places in each.
     contacts: [StepContacts; 2],
@@ -50,6 +56,7 @@ impl BodyContacts {
         Self {
             blend: ContactBlend::new(),
             geometry: None,
+            awaited: false,
             slacks: Slacks::default(),
             contacts: Default::default(),
             now: 0,
@@ -59,6 +66,21 @@ impl BodyContacts {
             radius,
             max_stray,
         }
+    }
+
+    /// Holds the body where it is until contact geometry is found, or lets it go.
+    pub fn hold(&mut self, held: bool) {
+        self.awaited = held;
+    }
+
+    /// Whether the body waits for the first contact geometry.
+    pub fn is_held(&self) -> bool {
+        self.awaited
+    }
+
+    /// Whether contacts are constraints.
+    pub fn is_constrained(&self) -> bool {
+        self.awaited || self.geometry.is_some()
     }
 
     /// Bounding radius of the body about its centre of mass, m.
@@ -80,7 +102,8 @@ impl BodyContacts {
         let (found, before) = if self.now == 0 { (first, second) } else { (second, first) };
         let Some(geometry) = &mut self.geometry else {
             found.clear();
-            return MotionBound::NONE;
+            let still = MotionBound { from: state.pose, room: 0.0, step: 0.0, radius: self.radius };
+            return if self.awaited { still } else { MotionBound::NONE };
         };
         self.center = state.pose.translation;
         pushed.move_objects(geometry);
@@ -129,6 +152,7 @@ impl BodyContacts {
         pushed: &mut PushedObjects,
         joined: &[Joined],
     ) {
+        self.awaited = false;
         let Some(found) = geometry else {
             self.geometry = None;
             return;
@@ -145,11 +169,19 @@ impl BodyContacts {
         known.shift(&mut self.slacks, known.bound.displacement(&state.pose) as f32, age);
     }
 
+    /// Age (s) that the contacts found last may reach: those of surfaces that stand still hold as long as the
+    /// body is within their bound.
+    pub fn holds_for(&self, timeout: f64) -> f64 {
+        let still = self.geometry.as_ref().is_some_and(ContactGeometry::is_still);
+        if still && self.penalties.1 == 0 { timeout.max(STILL_TIMEOUT) } else { timeout }
+    }
+
     /// Largest displacement of any point of the body since its contact model was found, |Δ**x**| + 2 r
-    /// sin(θ/2), as a fraction of the allowed distance; 0 without contacts.
+    /// sin(θ/2), as a fraction of the allowed distance; 0 without penalty contacts, since constraints bound
+    /// that displacement themselves.
     pub fn strayed(&self, pose: &Pose) -> f64 {
         let found = &self.found;
-        if found.contacts == 0 {
+        if self.penalties.1 == 0 {
             return 0.0;
         }
         let from = MotionBound { from: found.pose, radius: self.radius, ..MotionBound::NONE };
@@ -170,7 +202,7 @@ mod tests {
         assert_eq!(body.max_stray, 0.05);
         let moved = Pose::new(DVec3::X * 0.01, DQuat::from_rotation_z(0.2));
         assert_eq!(body.strayed(&moved), 0.0, "there are no contacts yet");
-        body.found.contacts = 3;
+        body.penalties.1 = 3;
         // A point at the radius moves by the chord 2 r sin(θ/2).
         let wanted = (0.01 + 2.0 * 0.1 * 0.1_f64.sin()) / 0.05;
         assert!((body.strayed(&moved) - wanted).abs() < 1e-12, "{}", body.strayed(&moved));

@@ -231,6 +231,11 @@ impl<T: Tool> HapticLoop<T> {
         known.penalties = (depth, contacts);
     }
 
+    /// Holds the tool where it is until contacts are found, or lets it go.
+    pub(crate) fn hold(&mut self, held: bool) {
+        self.bodies.iter_mut().for_each(|body| body.hold(held));
+    }
+
     /// What draws a body on, for the contact loop.
     pub(crate) fn draw(&self, body: usize) -> Draw {
         let (Some(hand), Some(contacts)) = (&self.hand, self.bodies.get(body)) else {
@@ -363,7 +368,7 @@ impl<T: Tool> HapticLoop<T> {
             let state = self.tool.body_state(index);
             body.blend.advance(&state, dt);
             let bound = body.find(&state, dt, &self.pushed, &self.outputs.joined);
-            let constrained = body.geometry.is_some();
+            let constrained = body.is_constrained();
             let (model, unilateral) = body.contacts();
             loads.push(BodyLoads { model, constrained, unilateral, bound });
         }
@@ -385,7 +390,8 @@ impl<T: Tool> HapticLoop<T> {
         telemetry.contacts_max = telemetry.contacts_max.max(contacts);
         telemetry.contacts_now = contacts;
         let events = &mut self.telemetry.events;
-        events.waited += u64::from(step.waited);
+        let is_held = self.bodies.iter().any(BodyContacts::is_held);
+        events.waited += u64::from(step.waited && !is_held);
         events.step_refused += u64::from(step.status.failure.is_some());
         events.contacts_unsettled += u64::from(step.status.active_set_unsettled);
         events.step_unconverged += u64::from(step.status.unconverged);
@@ -516,8 +522,12 @@ impl<T: Tool> HapticLoop<T> {
     /// Raises or lowers the share of the wrench, and counts why. Returns the time since contact models have
     /// been overdue, s.
     fn pass(&mut self, failed: bool, now: f64, dt: f64) -> f64 {
-        let since = |found: &ModelData| now - if found.time.is_nan() { self.started } else { found.time };
-        let waited = self.bodies.iter().map(|body| since(&body.found)).fold(f64::NEG_INFINITY, f64::max);
+        let timeout = self.presence.timeout();
+        let waited = |body: &BodyContacts| {
+            let found = body.found.time;
+            now - if found.is_nan() { self.started } else { found } - (body.holds_for(timeout) - timeout)
+        };
+        let waited = self.bodies.iter().map(waited).fold(f64::NEG_INFINITY, f64::max);
         // A step may have failed because of its `dt`.
         let dt = if failed { 0.0 } else { dt };
         let bodies = self.bodies.iter().enumerate();

@@ -46,6 +46,11 @@ impl Presence {
         }
     }
 
+    /// Age of a contact model at which the wrench begins to fade, s.
+    pub fn timeout(&self) -> f64 {
+        self.timeout
+    }
+
     /// Sets the share to 0; it comes up from there.
     pub fn release(&mut self) {
         self.engaged = 0.0;

@@ -279,6 +279,7 @@ impl<T: Tool> HapticRenderer<T> {
             Ok::<_, ContactLoopError>(contact)
         });
         let contacts = contacts.collect::<Result<_, _>>()?;
+        haptic.hold(settings.contact.response == Response::Constraints);
         Ok(Self {
             haptic,
             contacts,
@@ -380,6 +381,7 @@ impl HapticRenderer {
     pub fn set_integrator(&mut self, integrator: Arc<dyn Integrator>) {
         if integrator.name() != SemiImplicit.name() {
             self.contacts.iter_mut().for_each(ContactLoop::use_penalties);
+            self.haptic.hold(false);
         }
         self.haptic.tool.integrator = integrator;
     }
