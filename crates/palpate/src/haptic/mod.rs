@@ -82,6 +82,8 @@ pub struct HapticLoop<T: Tool = Rigid> {
     pushed: Box<PushedObjects>,
     /// Motion of the hand in the last step.
     hand: Option<Hand>,
+    /// Whether no more contacts will be found.
+    contacts_ended: bool,
     outputs: Outputs,
     /// Ramp of the coupling to newly set gains.
     tuning: Option<Ramp<VirtualCoupling>>,
@@ -162,6 +164,7 @@ impl<T: Tool> HapticLoop<T> {
             bodies: bodies.collect(),
             pushed: Box::default(),
             hand: None,
+            contacts_ended: false,
             outputs: Outputs::default(),
             tuning: None,
             started: f64::NAN,
@@ -234,6 +237,11 @@ impl<T: Tool> HapticLoop<T> {
     /// Holds the tool where it is until contacts are found, or lets it go.
     pub(crate) fn hold(&mut self, held: bool) {
         self.bodies.iter_mut().for_each(|body| body.hold(held));
+    }
+
+    /// Counts contacts that were found as overdue once they are as old as any: no more will be found.
+    pub(crate) fn end_contacts(&mut self) {
+        self.contacts_ended = true;
     }
 
     /// What draws a body on, for the contact loop.
@@ -525,7 +533,8 @@ impl<T: Tool> HapticLoop<T> {
         let timeout = self.presence.timeout();
         let waited = |body: &BodyContacts| {
             let found = body.found.time;
-            now - if found.is_nan() { self.started } else { found } - (body.holds_for(timeout) - timeout)
+            let longer = if self.contacts_ended { 0.0 } else { body.holds_for(timeout) - timeout };
+            now - if found.is_nan() { self.started } else { found } - longer
         };
         let waited = self.bodies.iter().map(waited).fold(f64::NEG_INFINITY, f64::max);
         // A step may have failed because of its `dt`.

@@ -188,6 +188,7 @@ impl<T: Tool> HostedStepper<T> {
         let (record, _) = self.haptic.advance(Some(device), gripper_angle, self.now, dt);
         if self.contact_threads.iter().any(JoinHandle::is_finished) {
             self.haptic.telemetry_mut().events.contact_thread_lost = 1;
+            self.haptic.end_contacts();
         }
         ToContact::send(&mut self.contacts, &self.haptic, self.now);
         self.latest = Some(record);
