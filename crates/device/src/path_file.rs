@@ -275,8 +275,8 @@ mod tests {
         assert!(read(format!("{without}\n").as_bytes()).unwrap_err().contains("header `t,device_px"));
     }
 
-    /// Time stamps of a recorder that counts since 1970, with nanoseconds, give the motion of the same samples
-    /// that count from 0, however the file came about.
+    /// Time stamps of a recorder that counts since 1970, with nanoseconds, give the motion of the same
+    /// samples that count from 0, however the file came about.
     #[test]
     fn time_stamps_count_from_the_first() {
         let mut rng = StdRng::seed_from_u64(13);

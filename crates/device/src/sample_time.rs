@@ -95,8 +95,8 @@ mod tests {
         })
     }
 
-    /// Nanoseconds of time stamps are kept. As 64-bit numbers of seconds since 1970 the same stamps are off by
-    /// up to 1.2e-7 s.
+    /// Nanoseconds of time stamps are kept. As 64-bit numbers of seconds since 1970 the same stamps are off
+    /// by up to 1.2e-7 s.
     #[test]
     fn stamps_count_from_the_first_to_the_nanosecond() {
         let stamps = ["1767225600.123456789", "1767225600.123456790", "1767225601", "1767225661.000000001"];
