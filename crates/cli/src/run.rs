@@ -416,7 +416,7 @@ impl<'a, R: Recorded> Recorder<'a, R> {
         if let Some((path, taps, writer)) = self.device.take() {
             writer.finish().map_err(|error| Failure::writing(path, error))?;
             if taps.lost() > 0 {
-                let lost = format!("{} readings were lost: the disk was too slow for them", taps.lost());
+                let lost = format!("{} readings were lost: record to a faster disk", taps.lost());
                 progress::warn(&path.display().to_string(), &[lost]);
             }
         }

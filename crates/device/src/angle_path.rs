@@ -12,6 +12,7 @@ use palpate_core::Pose;
 
 use crate::path::{Refusal, checked};
 use crate::path_file::{SampleFormat, read_samples};
+use crate::sample_time::Origin;
 use crate::{Interpolation, Keyframe, MotionPath, PathError};
 
 /// Largest size of an angle, rad. A larger one is taken for degrees.
@@ -42,8 +43,10 @@ impl AnglePath {
     /// If there is no sample, or one is not valid: the first such.
     pub fn new(samples: &[(f64, f64)]) -> Result<Self, PathError> {
         let mut keyframes: Vec<Keyframe> = Vec::with_capacity(samples.len());
+        let mut origin = Origin::default();
         for (sample, &(time, angle)) in samples.iter().enumerate() {
-            let keyframe = keyframe([time, angle], keyframes.last().map(|keyframe| keyframe.time));
+            let previous = keyframes.last().map(|keyframe| keyframe.time);
+            let keyframe = origin.time_of(time).and_then(|time| keyframe([time, angle], previous));
             keyframes.push(keyframe.map_err(|Refusal { what, remedy }| PathError::Sample {
                 what,
                 sample,
@@ -126,6 +129,10 @@ mod tests {
     fn a_recording_of_a_hinged_tool_gives_the_angles_of_its_gripper() {
         let path = read("t,device_px,gripper,angle\n0.5,9,0.25,0.2\n0.6,9,0.5,0.3\n").unwrap();
         assert_eq!(path, AnglePath::new(&[(0.5, 0.25), (0.6, 0.5)]).unwrap());
+        // Time stamps count from the first.
+        let stamped = AnglePath::new(&[(1_767_225_600.5, 0.25), (1_767_225_601.0, 0.5)]).unwrap();
+        assert_eq!(stamped, AnglePath::new(&[(0.0, 0.25), (0.5, 0.5)]).unwrap());
+        assert_eq!(read("t,angle\n1767225600.5,0.25\n1767225601,0.5\n").unwrap(), stamped);
     }
 
     #[test]

@@ -27,6 +27,7 @@ mod presets;
 mod recording;
 mod registry;
 mod replay;
+mod sample_time;
 pub mod sdk;
 mod sensing;
 mod specification;

@@ -16,11 +16,14 @@ use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
 
 use crate::PathError;
+use crate::sample_time::Origin;
 
 /// Latest time (s) and largest coordinate (m) accepted: a held device is within both, and no derivative
 /// overflows.
 const MAX_TIME: f64 = 1e9;
 const MAX_POSITION: f64 = 1e6;
+/// Remedy for a time beyond the latest.
+const LATE: &str = "give finite seconds, at most 1e9 after the first sample";
 /// Shortest time between two samples, s: below it, velocities are not meaningful.
 const MIN_SPACING: f64 = 1e-9;
 /// Largest deviation of a quaternion's length from 1 that passes as rounding; the quaternion is then
@@ -63,6 +66,9 @@ pub struct PathPoint {
 
 /// A motion given by samples. Its clock starts at the first sample; before that and after the last one it is
 /// at rest.
+///
+/// If the first sample's time is more than 1e6 s from 0, as a time stamp since 1970 is, the times of all
+/// samples become those since the first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionPath {
     keyframes: Vec<Keyframe>,
@@ -77,9 +83,11 @@ impl MotionPath {
     /// # Errors
     /// If there is no sample, or one is not valid: the first such.
     pub fn new(mut keyframes: Vec<Keyframe>, interpolation: Interpolation) -> Result<Self, PathError> {
-        let mut previous = None;
+        let (mut origin, mut previous) = (Origin::default(), None);
         for (sample, keyframe) in keyframes.iter_mut().enumerate() {
-            *keyframe = checked(*keyframe, previous)
+            let time = origin.time_of(keyframe.time);
+            *keyframe = time
+                .and_then(|time| checked(Keyframe { time, ..*keyframe }, previous))
                 .map_err(|Refusal { what, remedy }| PathError::Sample { what, sample, remedy })?;
             previous = Some(keyframe.time);
         }
@@ -180,7 +188,7 @@ pub(crate) struct Refusal {
 pub(crate) fn checked(mut keyframe: Keyframe, previous: Option<f64>) -> Result<Keyframe, Refusal> {
     let Keyframe { time, pose } = keyframe;
     if time.is_nan() || time.abs() > MAX_TIME {
-        return Err(Refusal { what: format!("time {time} s"), remedy: "give finite seconds, at most 1e9" });
+        return Err(Refusal { what: format!("time {time} s"), remedy: LATE });
     }
     if let Some(previous) = previous
         && time - previous < MIN_SPACING

@@ -2,7 +2,7 @@
 //! unit quaternion. Numbers are written with as many digits as it takes to read the same number back.
 //!
 //! A session's recording can be read as well: of its columns, `t` and the object's pose, `object_px` to
-//! `object_qw`.
+//! `object_qw`. Time stamps since 1970, as those of ROS bags, count from the first.
 //!
 //! Lines are split here, without a CSV parser: so an error names the line that an editor shows, the length of
 //! a line is bounded, and a stray quotation mark cannot swallow the rest of the file. No field needs quoting.
@@ -16,6 +16,7 @@ use palpate_core::Pose;
 
 use crate::PathError;
 use crate::path::{Interpolation, Keyframe, MotionPath, Refusal, checked};
+use crate::sample_time::{Origin, SampleTime};
 
 /// The first line of a recorded motion.
 pub const PATH_HEADER: &str = "t,px,py,pz,qx,qy,qz,qw";
@@ -90,7 +91,8 @@ impl MotionPath {
     }
 }
 
-/// Columns of a kind of recorded motion with `N` numbers in a sample, and the remedies that errors give.
+/// Columns of a kind of recorded motion with `N` numbers in a sample, of which the first is the time, and the
+/// remedies that errors give.
 pub(crate) struct SampleFormat<const N: usize> {
     /// Columns of a file of this kind alone.
     pub header: [&'static str; N],
@@ -112,6 +114,7 @@ pub(crate) fn read_samples<const N: usize>(
     let mut line = Vec::new();
     let mut number = 0;
     let mut columns: Option<Columns<N>> = None;
+    let mut origin = Origin::default();
     loop {
         line.clear();
         let taken = input
@@ -134,9 +137,13 @@ pub(crate) fn read_samples<const N: usize>(
             columns = Some(known.ok_or_else(|| refuse(header(), format.header_remedy))?);
             continue;
         };
-        let numbers = columns.parse(text).map_err(|what| refuse(what, columns.remedy(format)))?;
-        let keyframe = sample(numbers, keyframes.last().map(|keyframe| keyframe.time))
-            .map_err(|refusal| refuse(refusal.what, refusal.remedy))?;
+        let (time, mut numbers) = columns.parse(text).map_err(|what| refuse(what, columns.remedy(format)))?;
+        let previous = keyframes.last().map(|keyframe| keyframe.time);
+        let keyframe = origin.time_of(time).and_then(|time| {
+            numbers[0] = time;
+            sample(numbers, previous)
+        });
+        let keyframe = keyframe.map_err(|refusal| refuse(refusal.what, refusal.remedy))?;
         keyframes.push(keyframe);
     }
     if keyframes.is_empty() {
@@ -189,22 +196,26 @@ impl<const N: usize> Columns<N> {
         }
     }
 
-    fn parse(&self, text: &str) -> Result<[f64; N], String> {
-        let mut numbers = [0.0; N];
+    /// The time of a line, and all its numbers.
+    fn parse(&self, text: &str) -> Result<(SampleTime, [f64; N]), String> {
+        let (mut time, mut numbers) = (SampleTime::ZERO, [0.0; N]);
         let mut count = 0;
         for field in text.split(',') {
             let field = field.trim();
             if let Some(wanted) = self.places.iter().position(|place| *place == count) {
-                numbers[wanted] = field.parse().map_err(|_| {
-                    format!("`{}` is not a number", field.chars().take(40).collect::<String>())
-                })?;
+                let wrong = || format!("`{}` is not a number", field.chars().take(40).collect::<String>());
+                if wanted == 0 {
+                    time = SampleTime::parse(field).ok_or_else(wrong)?;
+                } else {
+                    numbers[wanted] = field.parse().map_err(|_| wrong())?;
+                }
             }
             count += 1;
         }
         if count != self.count {
             return Err(format!("{count} fields"));
         }
-        Ok(numbers)
+        Ok((time, numbers))
     }
 }
 
@@ -264,6 +275,41 @@ mod tests {
         assert!(read(format!("{without}\n").as_bytes()).unwrap_err().contains("header `t,device_px"));
     }
 
+    /// Time stamps of a recorder that counts since 1970, with nanoseconds, give the motion of the same
+    /// samples that count from 0, however the file came about.
+    #[test]
+    fn time_stamps_count_from_the_first() {
+        let mut rng = StdRng::seed_from_u64(13);
+        let (mut stamped, mut plain) = (format!("{PATH_HEADER}\n"), format!("{PATH_HEADER}\n"));
+        let (first, mut elapsed) = (1_767_225_600_123_456_789_u64, 0_u64);
+        for _ in 0..500 {
+            use std::fmt::Write as _;
+            let pose = format!("{},0.1,{},0,0,0,1", rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0));
+            let at = first + elapsed;
+            writeln!(stamped, "{}.{:09},{pose}", at / 1_000_000_000, at % 1_000_000_000).unwrap();
+            writeln!(plain, "{}.{:09},{pose}", elapsed / 1_000_000_000, elapsed % 1_000_000_000).unwrap();
+            elapsed += rng.random_range(100_000..20_000_000);
+        }
+        let (stamped, plain) = (read(stamped.as_bytes()).unwrap(), read(plain.as_bytes()).unwrap());
+        for (one, other) in stamped.keyframes().iter().zip(plain.keyframes()) {
+            assert!((one.time - other.time).abs() < 1e-14 + 1e-15 * other.time, "{} s", one.time);
+            assert_eq!(one.pose, other.pose);
+        }
+        let recording = "t,object_px,object_py,object_pz,object_qx,object_qy,object_qz,object_qw,depth\n\
+            1767225600.5,0,0,0,0,0,0,1,0\n1767225600.501,0,0,1,0,0,0,1,0\n";
+        let read_back = read(recording.as_bytes()).unwrap();
+        assert!((read_back.keyframes()[1].time - 1e-3).abs() < 1e-15);
+        // What is written is read back as it is.
+        let mut written = Vec::new();
+        stamped.write(&mut written).unwrap();
+        assert_eq!(read(&written).unwrap(), stamped);
+        // In memory there is less of a stamp, but the difference is exact.
+        let stamp = |time| Keyframe { time, pose: Pose::IDENTITY };
+        let stamps = vec![stamp(1_767_225_600.25), stamp(1_767_225_600.75)];
+        let path = MotionPath::new(stamps, Interpolation::Linear).unwrap();
+        assert_eq!(path.keyframes().iter().map(|it| it.time).collect::<Vec<_>>(), [0.0, 0.5]);
+    }
+
     #[test]
     fn errors_name_the_file_and_the_line() {
         let head = "t,px,py,pz,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n\n";
@@ -276,10 +322,16 @@ mod tests {
             ("1,0,0,0,0,0,0,2", "of length 2 at hand.csv:4; give unit quaternions"),
             ("inf,0,0,0,0,0,0,1", "time inf s at hand.csv:4"),
             ("1,\"0\n", "not a number at hand.csv:4"),
+            ("1767225600,0,0,0,0,0,0,1", "time 1767225600 s at hand.csv:4; give finite seconds, at most 1e9"),
         ] {
             let message = read(format!("{head}{row}\n").as_bytes()).unwrap_err();
             assert!(message.contains(expected), "{message}");
         }
+        let milliseconds = read(b"t,px,py,pz,qx,qy,qz,qw\n1767225600123,0,0,0,0,0,0,1\n").unwrap_err();
+        assert!(
+            milliseconds.contains("at hand.csv:2; give finite seconds, not milliseconds"),
+            "{milliseconds}"
+        );
         assert!(read(b"").unwrap_err().contains("hand.csv holds no sample"));
         assert!(read(b"t,px,py,pz,qx,qy,qz,qw\n").unwrap_err().contains("hand.csv holds no sample"));
         assert!(read(b"0,0,0,0,0,0,0,1\n").unwrap_err().contains("header `0,0,0,0,0,0,0,1` at hand.csv:1"));

@@ -31,7 +31,7 @@ use palpate::{HapticRenderer, Object, Record, Scene, Settings, Summary};
 
 use scene_picture::Moment;
 
-pub use events::EVENTS;
+pub use events::{Counted, EVENTS};
 pub use heat_map::{Boundary, CellAxis, HeatMap, draw_heat_maps};
 pub use level_pictures::{LevelPictures, grouped};
 pub use levels::{LevelFigures, Spread, Table32};

@@ -40,7 +40,7 @@ pub(crate) fn figures(records: &[Record], grasp: DVec3) -> Vec<Figure> {
             curve("torque", &|r| 1e3 * r.coupling.torque.length()),
         ),
         figure(
-            "Distance of the grasped object behind the hand, at the grasp.",
+            "Stretch of the coupling: distance of the object from where the device holds it, at the grasp.",
             "mm",
             curve("distance", &|r| 1e3 * r.stretch(grasp)),
         ),

@@ -4,7 +4,7 @@ use palpate::Summary;
 use palpate::summary::RealtimeSetup;
 use palpate::telemetry::Percentiles;
 
-use crate::events::happened;
+use crate::events::{happened, in_words};
 use crate::grouped;
 use crate::quantity::{force, length, quantity, rate};
 
@@ -13,40 +13,51 @@ pub fn measured(summary: &Summary) -> Vec<(&'static str, String)> {
     let mut rows = felt(summary);
     rows.extend(kept_up(summary));
     rows.extend(summary.stages.iter().map(|(&stage, why)| (stage, why.clone())));
-    let events = happened(&summary.events);
+    if !summary.unused_settings.is_empty() {
+        let unused: Vec<String> = summary.unused_settings.iter().map(ToString::to_string).collect();
+        rows.push(("settings without effect", unused.join("; ")));
+    }
+    let events = happened(&summary.events, &summary.spans);
     if events.is_empty() {
         rows.push(("events", "none".to_owned()));
     }
-    rows.extend(
-        events.into_iter().map(|(name, count, meaning)| (name, format!("{}: {meaning}", times(count)))),
-    );
+    rows.extend(events.into_iter().map(|(name, count, meaning)| (name, format!("{count}: {meaning}"))));
     rows
 }
 
 /// Returns rows about touch, depth and force.
 fn felt(summary: &Summary) -> Vec<(&'static str, String)> {
-    let Some(first) = summary.first_touch_s else {
-        return vec![
-            ("touch", "nothing was touched".to_owned()),
-            ("deepest penetration", "0: nothing was touched".to_owned()),
-            ("largest force sent to the device", force(summary.coupling_force_max)),
-            ("object behind the hand", format!("at most {}", length(summary.coupling_stretch_max))),
-        ];
-    };
-    let depth = if summary.depth_max > 0.0 {
-        length(summary.depth_max)
-    } else {
-        let tolerance = length(summary.tolerance);
-        format!("0: contacts were held within the tolerance of {tolerance}, before surfaces met")
+    let touch = match summary.first_touch_s {
+        Some(first) => format!("first after {}", quantity(first, "s")),
+        None => "nothing was touched".to_owned(),
     };
     let (most, last) = (summary.contacts_max as usize, summary.contacts_at_end as usize);
-    vec![
-        ("touch", format!("first after {}", quantity(first, "s"))),
-        ("deepest penetration", depth),
+    let contacts = format!("at most {}, {} at the end", grouped(most), grouped(last));
+    let mut rows = vec![
+        ("touch", touch),
+        ("deepest penetration", depth(summary)),
         ("largest force sent to the device", force(summary.coupling_force_max)),
-        ("contacts", format!("at most {}, {} at the end", grouped(most), grouped(last))),
-        ("object behind the hand", format!("at most {}", length(summary.coupling_stretch_max))),
-    ]
+    ];
+    // Contacts that are near and do not push would contradict the first row.
+    rows.extend(summary.first_touch_s.map(|_| ("contacts", contacts)));
+    rows.push(("largest coupling stretch", length(summary.coupling_stretch_max)));
+    rows
+}
+
+/// Describes the deepest penetration, or why there was none.
+fn depth(summary: &Summary) -> String {
+    if summary.depth_max > 0.0 {
+        return length(summary.depth_max);
+    }
+    let penalties = summary.stages.get("contact response").is_some_and(|it| it.starts_with("penalties"));
+    match summary.first_touch_s {
+        None => "0: nothing was touched".to_owned(),
+        Some(_) if penalties => {
+            let tolerance = length(summary.tolerance);
+            format!("0: contacts were held within the tolerance of {tolerance}, before surfaces met")
+        }
+        Some(_) => "0: contacts kept the surfaces from overlapping".to_owned(),
+    }
 }
 
 /// Returns rows about rates, durations and deadlines.
@@ -79,8 +90,8 @@ fn kept_up(summary: &Summary) -> Vec<(&'static str, String)> {
         };
         rows.push(("contact loop", kept_up));
     }
-    rows.push(("smallest energy at the device port", quantity(summary.energy_min_j, "J")));
-    rows.push(("promises to the hand", promises(summary)));
+    rows.push(("lowest net energy at the device (negative: created)", quantity(summary.energy_min_j, "J")));
+    rows.push(("safety limits", safety_limits(summary)));
     if summary.dissipated_j > 0.0 {
         rows.push(("energy taken out by the passivity controller", quantity(summary.dissipated_j, "J")));
     }
@@ -88,10 +99,10 @@ fn kept_up(summary: &Summary) -> Vec<(&'static str, String)> {
 }
 
 /// Describes whether the sent wrenches kept their invariants.
-fn promises(summary: &Summary) -> String {
+fn safety_limits(summary: &Summary) -> String {
     let broken = summary.invariants.iter().filter(|(_, kept)| kept.broken > 0);
     let broken: Vec<String> =
-        broken.map(|(name, kept)| format!("{name} broken {}", times(kept.broken))).collect();
+        broken.map(|(name, kept)| format!("{name} broken {}", in_words(kept.broken))).collect();
     if broken.is_empty() { "all kept".to_owned() } else { broken.join(", ") }
 }
 
@@ -111,14 +122,12 @@ fn percentiles(of: &Percentiles, unit: f64) -> String {
     format!("median {}, p99 {}, p99.9 {}, max {}", time(of.p50), time(of.p99), time(of.p999), time(of.max))
 }
 
-fn times(count: u64) -> String {
-    if count == 1 { "once".to_owned() } else { format!("{} times", grouped(count as usize)) }
-}
-
 #[cfg(test)]
 mod tests {
     use palpate::Events;
+    use palpate::settings::UnusedSetting;
     use palpate::summary::{ContactSummary, HapticSummary};
+    use palpate::telemetry::{Span, Spans};
     use palpate::threads::{Outcome, Role, State, ThreadSetup};
 
     use super::*;
@@ -195,9 +204,15 @@ mod tests {
             coupling_force_max: 1.2345,
             energy_min_j: -1e-6,
             dissipated_j: 0.0,
-            stages: [("friction", "off".to_owned())].into(),
+            stages: [("friction", "off".to_owned()), ("contact response", "penalties".to_owned())].into(),
+            unused_settings: vec![UnusedSetting { name: "search.clusters", why: "contacts are constraints" }],
             invariants: std::collections::BTreeMap::new(),
             events: Events { slewed: 1, saturated: 2000, ..Events::default() },
+            spans: Spans {
+                slewed: Span { times: 1, seconds: 0.001 },
+                saturated: Span { times: 3, seconds: 2.0 },
+                ..Spans::default()
+            },
         }
     }
 
@@ -216,7 +231,7 @@ mod tests {
                 "deepest penetration",
                 "largest force sent to the device",
                 "contacts",
-                "object behind the hand"
+                "largest coupling stretch"
             ]
         );
         for (name, expected) in [
@@ -224,15 +239,21 @@ mod tests {
             ("deepest penetration", "0.0430 mm"),
             ("largest force sent to the device", "1.23 N"),
             ("contacts", "at most 1,204, 3 at the end"),
-            ("object behind the hand", "at most 0.430 mm"),
+            ("largest coupling stretch", "0.430 mm"),
+            ("safety limits", "all kept"),
+            ("settings without effect", "search.clusters: contacts are constraints"),
+            ("lowest net energy at the device (negative: created)", "-1.00 µJ"),
             ("haptic rate", "1.00 kHz, 9,999 steps"),
             ("haptic step", "median 17.0 µs, p99 24.1 µs, p99.9 30.0 µs, max 1.20 ms"),
             ("deadlines", "1 of 10,000 deadlines missed: 1 because the machine woke the thread late."),
         ] {
             assert_eq!(value(&rows, name), expected, "{name}");
         }
-        assert!(value(&rows, "slewed").starts_with("once: the rate of change of the wrench"), "{rows:?}");
-        assert!(value(&rows, "saturated").starts_with("2,000 times: "), "{rows:?}");
+        assert!(
+            value(&rows, "slewed").starts_with("once, for 1.00 ms: the rate of change of the wrench"),
+            "{rows:?}"
+        );
+        assert!(value(&rows, "saturated").starts_with("3 times, for 2.00 s in all: "), "{rows:?}");
     }
 
     #[test]
@@ -241,6 +262,12 @@ mod tests {
         assert_eq!(
             value(&measured(&held), "deepest penetration"),
             "0: contacts were held within the tolerance of 0.100 mm, before surfaces met"
+        );
+        let stages = [("contact response", "constraints".to_owned())].into();
+        let constrained = Summary { stages, ..held.clone() };
+        assert_eq!(
+            value(&measured(&constrained), "deepest penetration"),
+            "0: contacts kept the surfaces from overlapping"
         );
         let nothing = Summary { first_touch_s: None, ..held };
         let rows = measured(&nothing);

@@ -98,9 +98,12 @@ fn a_session_is_reproducible_and_close_to_one_by_levels() {
         ..penalties()
     };
     let (levels, by_levels) = lockstep(&probe, scene, levels, 2.0);
-    let stages = [session.summary().stages, levels.summary().stages]
-        .map(|stages| stages["representative contacts"].clone());
-    assert!(stages[0].starts_with("on: off by about") && stages[1].starts_with("off"), "{stages:?}");
+    let stages =
+        [session.summary().stages, levels.summary().stages].map(|stages| stages["contact search"].clone());
+    assert!(
+        stages[0].starts_with("distance fields, depth error about") && stages[1].starts_with("levels"),
+        "{stages:?}"
+    );
     let rms = |records: &[Record]| {
         let squares = records.iter().map(|record| record.coupling.force.length_squared());
         (squares.sum::<f64>() / records.len() as f64).sqrt()
@@ -223,8 +226,8 @@ fn objects_without_a_field_are_refused_or_found_by_levels() {
     };
     let with_sheet = open(Scene::new().with(sheet.clone(), Pose::IDENTITY), settings(&probe));
     let stages = with_sheet.expect("contacts are found by levels").stages();
-    let why = &stages["representative contacts"];
-    assert!(why.starts_with("off: sheet: its surface is not closed"), "{why}");
+    let why = &stages["contact search"];
+    assert!(why.starts_with("levels of detail: sheet: its surface is not closed"), "{why}");
     let wild = Settings {
         search: SearchSettings { representative_error: Some(1.0), ..settings(&probe).search },
         ..settings(&probe)
@@ -241,5 +244,5 @@ fn objects_without_a_field_are_refused_or_found_by_levels() {
     // Textures need contacts from levels of detail.
     let textured = open(Scene::new().with(ridged_plate(1e-3, 5e-3), Pose::IDENTITY), settings(&probe));
     let stages = textured.expect("a textured scene").stages();
-    assert!(stages["representative contacts"].contains("texture"), "{stages:?}");
+    assert!(stages["contact search"].contains("texture"), "{stages:?}");
 }

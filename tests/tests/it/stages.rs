@@ -43,7 +43,7 @@ fn stages_report_whether_they_are_on_and_why() {
         &plain,
         &[
             ("contact query", "on: one scene object"),
-            ("hierarchy", "probe ellipsoid@500: off, one convex hull; scene ellipsoid@500: off"),
+            ("contact response", "penalties: by the setting"),
             ("interpolation between levels", "off: full resolution is set"),
             ("friction", "off: its coefficient is 0"),
             ("textures", "off: no object has a haptic texture"),
@@ -85,6 +85,18 @@ fn stages_report_whether_they_are_on_and_why() {
             ("proxy", "off: by its setting"),
             ("passivity controller", "on: by its setting"),
             ("watch", "on: contacts are shown"),
+        ],
+    );
+    // With constraints, the default, only contacts with textured objects are penalties.
+    let (ball, ridges) = (model("golf-ball@2000"), ridged_plate(5e-4, 2e-3));
+    check(
+        &renderer(&hull, &[ball, ridges], Settings::default()),
+        &[
+            ("contact response", "constraints; penalties with ridges (textured)"),
+            ("braking", "on: by its setting, for penalties with ridges (textured)"),
+            ("clustering", "on beyond 5 contacts, for penalties with ridges (textured)"),
+            ("proxy", "on: by its setting, for penalties with ridges (textured)"),
+            ("contact search", "levels of detail: an object has a haptic texture"),
         ],
     );
     check(

@@ -333,8 +333,10 @@ fn lockstep_sessions_are_reproducible() {
             "invariants",
             "realtime",
             "seconds",
+            "spans",
             "stages",
-            "tolerance"
+            "tolerance",
+            "unused_settings"
         ]
     );
     assert!(summary["realtime"].is_null(), "nothing is asked for on a simulated clock");
@@ -631,12 +633,17 @@ fn a_summary_lists_the_stages_and_their_reasons() {
     for (stage, why) in [
         ("contact query", "on: one scene object"),
         ("device", "Phantom Premium 1.5 6DOF (emulated): on: force along x, y, z, torque about x, y, z"),
-        ("hierarchy", "probe ellipsoid@500: off, one convex hull; scene torus@4000: on, "),
-        ("clustering", "on beyond 5 contacts"),
+        ("contact response", "constraints"),
+        ("contact search", "distance fields, depth error about 0.05 % of the probe's radius; constraints"),
+        ("hierarchy", "off: contacts are found in distance fields"),
+        ("braking", "off: contacts are constraints"),
+        ("clustering", "off: contacts are constraints"),
+        ("proxy", "off: contacts are constraints"),
         ("integrator", "semi-implicit"),
         ("textures", "off: "),
         ("friction", "off: "),
-        ("engaging", "10 times: the wrench was ramped up"),
+        ("engaging", "once, for 10.0 ms: the wrench was ramped up"),
+        ("safety limits", "all kept"),
         ("touch", "nothing was touched"),
         ("deepest penetration", "0: nothing was touched"),
     ] {
@@ -644,10 +651,112 @@ fn a_summary_lists_the_stages_and_their_reasons() {
         assert!(row.is_some_and(|row| row.contains(why)), "{stage}: {why}\n{printed}");
     }
     assert!(printed.starts_with("touch"), "what was felt comes first: {printed}");
+    let penalties =
+        succeeds(&[&arguments[..], &["--response", "penalty", "--error", "1%"]].concat(), folder.path());
+    for (stage, why) in [
+        ("contact response", "penalties: by the setting"),
+        ("contact search", "levels of detail: by the setting"),
+        ("hierarchy", "probe ellipsoid@500: off, one convex hull; scene torus@4000: on, "),
+        ("braking", "on: by its setting"),
+        ("clustering", "on beyond 5 contacts"),
+        ("proxy", "on: by its setting"),
+    ] {
+        let row = penalties.lines().find(|line| line.starts_with(&format!("{stage}  ")));
+        assert!(row.is_some_and(|row| row.contains(why)), "{stage}: {why}\n{penalties}");
+    }
     assert!(
         printed.contains("--report FILE.html") && printed.contains("ellipsoid@500 torus@4000"),
         "{printed}"
     );
+}
+
+/// With a contact query in each haptic step the first touch is that of the recording, and not "nothing".
+#[test]
+fn the_summary_does_not_contradict_the_recording() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    for (rate, response) in [("1000", "constraints"), ("999", "constraints"), ("1000", "penalty")] {
+        let run = [
+            "run",
+            "ellipsoid@500",
+            "golf-ball@5000",
+            "--lockstep",
+            "--seconds",
+            "2",
+            "--contact-rate",
+            rate,
+        ];
+        let summary =
+            json(&[&run[..], &["--response", response, "--json", "--record", "r.csv"]].concat(), folder);
+        let recording = std::fs::read_to_string(folder.join("r.csv")).expect("a recording");
+        let pushed = recording.lines().skip(1).find_map(|line| {
+            let numbers: Vec<f64> = line.split(',').map(|field| field.parse().expect("a number")).collect();
+            let force = numbers[21..24].iter().map(|part| part * part).sum::<f64>().sqrt();
+            (force > 1e-6).then_some(numbers[0])
+        });
+        assert!(pushed.is_some_and(|time| (1.3..1.6).contains(&time)), "{rate} Hz, {response}: {pushed:?} s");
+        assert_eq!(summary["first_touch_s"].as_f64(), pushed, "{rate} Hz, {response}");
+        // What lasts is told as a time; the count is of steps.
+        let (steps, span) = (&summary["events"]["engaging"], &summary["spans"]["engaging"]);
+        assert_eq!(span["times"], 1, "{span}");
+        let seconds = span["seconds"].as_f64().expect("a time");
+        assert!(
+            (seconds - 1e-3 * steps.as_f64().expect("a count")).abs() < 1e-9,
+            "{seconds} s, {steps} steps"
+        );
+    }
+}
+
+/// A trajectory with the time stamps of a clock that counts since 1970, as a ROS bag has them, gives what the
+/// same motion from 0 gives, wherever one is read.
+#[test]
+fn time_stamps_of_trajectories_count_from_the_first() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    for (name, first) in [("plain.csv", 0_u64), ("stamped.csv", 1_767_225_600)] {
+        let rows = (0..200_u64).map(|i| {
+            // 20 ms apart, and so that the fraction does not begin at 0.
+            let time = 5 + 2 * i;
+            let height = 0.12 - 4e-4 * i as f64;
+            format!("{}.{:02},0,0,{height},0,0,0,1\n", first + time / 100, time % 100)
+        });
+        let text = format!("t,px,py,pz,qx,qy,qz,qw\n{}", rows.collect::<String>());
+        std::fs::write(folder.join(name), text).expect("written");
+    }
+    let query = |name: &str| {
+        let query = ["query", "ellipsoid@500", "golf-ball@1000", "--trajectory", name, "--tolerance", "1%"];
+        json(&[&query[..], &["--json"]].concat(), folder)["poses"].as_array().expect("poses").clone()
+    };
+    let (plain, stamped) = (query("plain.csv"), query("stamped.csv"));
+    assert_eq!((plain.len(), stamped.len()), (200, 200));
+    for (one, other) in plain.iter().zip(&stamped) {
+        let [from_zero, from_first] = [one, other].map(|pose| pose["t"].as_f64().expect("a time"));
+        assert!((from_zero - 0.05 - from_first).abs() < 1e-12, "{from_zero} and {from_first} s");
+        assert_eq!((&one["contacts"], &one["force"]), (&other["contacts"], &other["force"]));
+    }
+    for device in ["replay:", "emulated:path="] {
+        let record = |name: &str| {
+            let device = format!("{device}{name}");
+            let run = [
+                "run",
+                "ellipsoid@500",
+                "golf-ball@1000",
+                "--lockstep",
+                "--seconds",
+                "4",
+                "--device",
+                &device,
+            ];
+            json(&[&run[..], &["--json", "--record", "r.csv"]].concat(), folder);
+            let recording = std::fs::read_to_string(folder.join("r.csv")).expect("a recording");
+            let last = recording.lines().last().expect("rows");
+            last.split(',').map(|field| field.parse().expect("a number")).collect::<Vec<f64>>()
+        };
+        let (plain, stamped) = (record("plain.csv"), record("stamped.csv"));
+        let most = plain.iter().zip(&stamped).map(|(one, other)| (one - other).abs()).fold(0.0, f64::max);
+        assert!(most < 1e-6, "{device}: {plain:?} and {stamped:?}");
+        assert!(plain[10] < 0.1, "{device}: the hand has moved: {plain:?}");
+    }
 }
 
 /// The printed summary has convenient units, and says how to open the report.
@@ -667,7 +776,8 @@ fn the_printed_summary_has_convenient_units() {
     assert!(
         row("deepest penetration").ends_with(" mm") || row("deepest penetration").starts_with("0: contacts")
     );
-    assert!(row("object behind the hand").ends_with(" mm"), "{printed}");
+    assert!(row("largest coupling stretch").ends_with(" mm"), "{printed}");
+    assert!(row("lowest net energy at the device (negative: created)").ends_with('J'), "{printed}");
     assert!(row("haptic rate").starts_with("1.00 kHz, 3,000 steps"), "{printed}");
     assert!(row("haptic step").contains("µs") && !printed.contains(" ns,"), "{printed}");
     assert!(printed.contains("The report is r.html; open it in a browser"), "{printed}");
@@ -769,9 +879,8 @@ fn sessions_render_representative_contacts() {
         json(&[&["run", "ellipsoid@500", scene, "--json"], &all[..], options].concat(), folder)
     };
     let summary = run("golf-ball@1000", "first.csv", &["--representative", "0.5%"]);
-    let stage =
-        |summary: &Value| summary["stages"]["representative contacts"].as_str().expect("a stage").to_owned();
-    assert_eq!(stage(&summary), "on: off by about 0.00008 m");
+    let stage = |summary: &Value| summary["stages"]["contact search"].as_str().expect("a stage").to_owned();
+    assert_eq!(stage(&summary), "distance fields, depth error about 0.00008 m");
     assert!(summary["contacts_max"].as_u64() > Some(0), "nothing was touched: {summary}");
     run("golf-ball@1000", "second.csv", &["--representative", "0.5%"]);
     let read = |file: &str| std::fs::read_to_string(folder.join(file)).expect(file);
@@ -783,7 +892,7 @@ fn sessions_render_representative_contacts() {
     assert!(read("first.csv") == read("third.csv"), "the scene file says the same");
     // An error threshold selects levels of detail.
     let levels = run("scene.toml", "levels.csv", &["--error", "1%"]);
-    assert!(stage(&levels).starts_with("off"), "{}", stage(&levels));
+    assert!(stage(&levels).starts_with("levels of detail"), "{}", stage(&levels));
     for with in [&["--error", "1%"][..], &["--no-interpolation"], &["--budget-us", "100"]] {
         let words = [&["run", "ellipsoid@500", "golf-ball@1000", "--representative"], with].concat();
         assert_eq!(palpate(&words, folder).status.code(), Some(2), "{with:?}");
@@ -1315,7 +1424,19 @@ fn scene_files_are_rendered() {
     let stages = &run(&[])["stages"];
     assert_eq!(stages["contact query"], "on: 2 scene objects");
     assert_eq!(stages["friction"], "on: coefficient 0.5");
-    assert_eq!(stages["clustering"], "on beyond 3 contacts");
+    // Constraints have no use for clusters, and the user is told so.
+    assert_eq!(stages["clustering"], "off: contacts are constraints");
+    assert_eq!(run(&["--response", "penalty"])["stages"]["clustering"], "on beyond 3 contacts");
+    let unused = |more: &[&str]| run(more)["unused_settings"].clone();
+    let clusters = "[{\"name\":\"search.clusters\",\"why\":\"contacts are constraints\"}]";
+    assert_eq!(unused(&[]).to_string(), clusters);
+    assert_eq!(unused(&["--response", "penalty"]).to_string(), "[]", "negative control");
+    let integrated = unused(&["--contact-stiffness", "500", "--integrator", "symplectic-euler"]);
+    assert_eq!(integrated[0]["name"], "contact.response", "constraints are not integrated so: {integrated}");
+    assert!(
+        integrated.as_array().is_some_and(|unused| unused.len() == 1),
+        "penalties use the rest: {integrated}"
+    );
     assert_eq!(run(&["--friction", "0.1"])["stages"]["friction"], "on: coefficient 0.1");
     std::fs::write(folder.join("scene.toml"), "[[object]]\nmodel = 3\n").expect("written");
     let output = palpate(&["run", "ellipsoid@500", "scene.toml"], folder);
@@ -1343,6 +1464,7 @@ fn a_hinged_tool_is_rendered_with_a_gripper() {
     let summary = json(&[held.as_slice(), &device].concat(), folder);
     assert_eq!(summary["haptic"]["steps"], 1000);
 
+    let first_touch = summary["first_touch_s"].as_f64();
     let recording = std::fs::read_to_string(folder.join("run.csv")).expect("a recording");
     let mut rows = recording.lines().map(|line| line.split(',').collect::<Vec<_>>());
     let header = rows.next().expect("a header");
@@ -1351,6 +1473,13 @@ fn a_hinged_tool_is_rendered_with_a_gripper() {
         row[header.iter().position(|column| *column == name).expect(name)].parse().expect("a number")
     };
     assert_eq!(rows.len(), 1000);
+    // Either body may be the first to touch.
+    let force = |row: &[&str], body: &str| {
+        let parts = ["fx", "fy", "fz"].map(|axis| value(row, &format!("{body}_{axis}")));
+        parts.iter().map(|part| part * part).sum::<f64>().sqrt()
+    };
+    let pushed = rows.iter().find(|row| force(row, "first").max(force(row, "second")) > 1e-6);
+    assert!(pushed.is_some() && first_touch == pushed.map(|row| value(row, "t")), "{first_touch:?}");
     let opened = value(&rows[0], "angle");
     assert!((opened - 0.5).abs() < 5e-3, "opened as far as the fingers: {opened}");
     let last = rows.last().expect("rows");

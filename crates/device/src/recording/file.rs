@@ -132,7 +132,7 @@ impl Recording {
         if readings.is_empty() {
             return Err(PathError::Empty { file: Some(file.into()) });
         }
-        Ok(Self { specification, readings })
+        Ok(Self::of_checked(specification, readings))
     }
 
     /// Whether a file is a recording, judged by its first bytes.

@@ -13,6 +13,7 @@ pub use file::RecordingWriter;
 pub use play::RecordedDevice;
 pub use tap::{Tap, Taps};
 
+use crate::sample_time::is_stamp;
 use crate::{DeviceState, Specification};
 
 /// A device's state, with the time at which it was read.
@@ -35,11 +36,24 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// A recording of readings; `None` if there is no reading, or a time runs back or is not finite.
+    /// A recording of readings; `None` if there is no reading, or a time runs back or is not finite. Times
+    /// that begin more than 1e6 s from 0, as those of a host's clock since 1970, count from the first.
     pub fn new(specification: Specification, readings: Vec<Reading>) -> Option<Self> {
         let mut last = f64::NEG_INFINITY;
         let sound = readings.iter().all(|reading| check(reading, &mut last).is_none());
-        (sound && !readings.is_empty()).then_some(Self { specification, readings })
+        (sound && !readings.is_empty()).then(|| Self::of_checked(specification, readings))
+    }
+
+    /// A recording of readings that have passed [`check`]. A replay begins at the time 0: where the driver's
+    /// clock began elsewhere, it would hold the first reading until then.
+    fn of_checked(specification: Specification, mut readings: Vec<Reading>) -> Self {
+        if let Some(first) = readings.first().map(|reading| reading.now).filter(|first| is_stamp(*first)) {
+            for reading in &mut readings {
+                reading.now -= first;
+                reading.state.time -= first;
+            }
+        }
+        Self { specification, readings }
     }
 
     /// The readings.

@@ -102,6 +102,36 @@ fn a_replayed_device_gives_the_recorded_readings() {
     assert_eq!(state.pose, recording.readings()[999].state.pose);
 }
 
+/// A host's clock may count since 1970. The recording of such a session plays from its beginning, in both
+/// forms of files; otherwise it would stand still for half a century.
+#[test]
+fn a_recording_by_a_clock_since_1970_plays_from_its_beginning() {
+    let plain = waved();
+    let first = 1_767_225_600.0;
+    let stamped: Vec<Reading> = plain
+        .readings()
+        .iter()
+        .map(|reading| {
+            let time = first + reading.state.time;
+            Reading { now: first + reading.now, state: DeviceState { time, ..reading.state } }
+        })
+        .collect();
+    let mut bytes = Vec::new();
+    let mut writer = RecordingWriter::new(&mut bytes, &plain.specification, false).unwrap();
+    stamped.iter().for_each(|reading| writer.write(reading).unwrap());
+    writer.finish().unwrap();
+    let made = Recording::new(plain.specification.clone(), stamped).unwrap();
+    assert_eq!(Recording::parse(&bytes, Path::new("some")).unwrap(), made);
+    let mut device = RecordedDevice::new(made);
+    for Reading { now, state } in plain.readings() {
+        let played = device.read(*now).unwrap();
+        // Numbers of 64 bits have 2.4e-7 s for such a clock; the fastest motion here is 0.5 m/s.
+        assert!((played.time - state.time).abs() < 5e-7, "{} s for {} s", played.time, state.time);
+        assert!(played.pose.translation.distance(state.pose.translation) < 3e-7, "{now} s");
+        assert!(!played.status.contains(Status::ENDED));
+    }
+}
+
 #[test]
 fn it_is_played_from_anywhere_at_any_speed() {
     let recording = waved();

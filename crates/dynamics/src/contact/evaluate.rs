@@ -65,6 +65,13 @@ impl LinearContactModel {
         sum
     }
 
+    /// Largest normal force with which one contact pushes the body at a state, N.
+    pub fn largest_force(&self, state: &BodyState) -> f64 {
+        let rotation = DMat3::from_quat(state.pose.rotation);
+        let forces = self.constraints().iter().enumerate();
+        forces.map(|(i, c)| c.normal_force(&self.at(i, state, &rotation))).fold(0.0, f64::max)
+    }
+
     /// Wrench and derivatives at a state (Eq. 5.37–5.46, corrected, by rotation vector).
     pub fn evaluate(&self, state: &BodyState) -> ContactResponse {
         let rotation = DMat3::from_quat(state.pose.rotation);

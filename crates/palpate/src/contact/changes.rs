@@ -97,6 +97,7 @@ impl ContactLoop {
         self.objects[place] = Some(InScene::new(id, handle, object));
         if self.insert_field(place, object) && self.retexture(object) {
             self.scene_has_changed();
+            self.ran.objects = self.ran.objects.max(self.scene_objects().count());
             return true;
         }
         self.delete(id);

@@ -14,7 +14,6 @@ use super::assemble::counterpart;
 use super::geometry::{ContactGeometry, MAX_OBJECT_MOTION, MAX_OBJECTS, NearObject};
 use super::guard::{Guard, Limits, Start};
 use super::near_features::{NearFeatures, Reaches};
-use crate::settings::Response;
 
 /// Edge of the cells in each of which a point starts, in bounding radii of the body. With larger cells, local
 /// minima of the distance are missed; with smaller ones there are more points.
@@ -131,24 +130,6 @@ impl ContactLoop {
     pub(super) fn is_guarded(&self, place: usize) -> bool {
         counterpart(&self.objects, &self.scene, Some(place)).is_constraint(self.response, self.mass)
             && !self.textures.as_ref().is_some_and(|textures| textures.has(place))
-    }
-
-    /// How contacts act, in words.
-    pub(crate) fn response_stage(&self) -> String {
-        let light = self.moving.iter().any(|&place| !self.is_guarded(place));
-        match self.response {
-            Response::Penalty => "penalties".to_owned(),
-            Response::Constraints if self.textures.is_some() => {
-                "constraints; penalties with textured objects".to_owned()
-            }
-            Response::Constraints if light => "constraints; penalties with light objects".to_owned(),
-            Response::Constraints => "constraints".to_owned(),
-        }
-    }
-
-    /// Whether all contacts are constraints.
-    pub(crate) fn guards_only(&self) -> bool {
-        self.response == Response::Constraints && self.guards_all()
     }
 
     /// Whether contacts with all objects are constraints.

@@ -18,6 +18,7 @@ pub(crate) mod proxy;
 pub mod representative;
 mod search;
 mod snapshot;
+mod stages;
 pub(crate) mod textures;
 mod touching;
 
@@ -41,6 +42,7 @@ use self::in_scene::{InScene, objects_of};
 use self::lookahead::Lookahead;
 pub(crate) use self::search::ByLevels;
 use self::search::{RESERVED, choose};
+use self::stages::Ran;
 use self::touching::Patches;
 use crate::contact::monitor::{ContactMonitor, MonitorFeed};
 use crate::contact::proxy::{LevelFinder, Proxy};
@@ -152,6 +154,8 @@ pub struct ContactLoop {
     time: f64,
     interval: f64,
     telemetry: ContactTelemetry,
+    /// What has run so far.
+    ran: Ran,
     /// Feed of the contact monitors, if there are any, and the search for the patches that touch.
     monitored: Option<MonitorFeed>,
     patches: Patches,
@@ -212,6 +216,7 @@ impl ContactLoop {
             time: f64::NAN,
             interval: f64::NAN,
             telemetry: ContactTelemetry::default(),
+            ran: Ran { objects: scene.len(), ..Ran::default() },
             monitored: None,
             patches: Patches::new(),
         })
@@ -235,7 +240,9 @@ impl ContactLoop {
         self.tune(self.interval);
         self.move_objects(body, time);
         let geometry = if self.response == Response::Constraints { self.guard(body, draw) } else { None };
-        let update = if geometry.is_some() && self.guards_all() {
+        let guards_all = geometry.is_some() && self.guards_all();
+        self.note(geometry.is_some(), !guards_all);
+        let update = if guards_all {
             self.begin_snapshot(time);
             ContactUpdate::new(LinearContactModel::empty(&body.pose, time), time, 0.0, 0)
         } else {

@@ -126,6 +126,13 @@ impl BodyContacts {
         (self.blend.contacts(), &mut self.contacts[self.now].contacts)
     }
 
+    /// Largest force with which one contact pushed the body in a step of `dt` (s) that ended at a state, N.
+    /// Contacts on both sides of a body push it, though their forces may add up to nothing.
+    pub fn largest_push(&self, state: &BodyState, dt: f64) -> f64 {
+        let impulses = self.contacts[self.now].pushing().map(|contact| contact.impulse.length());
+        (impulses.fold(0.0, f64::max) / dt).max(self.blend.contacts().largest_force(state))
+    }
+
     /// Pushes scene objects by the impulses of this step, and adds these to a feed. Returns the number of
     /// objects for which it had no room.
     pub fn push(&self, pushed: &mut PushedObjects, reacting: &mut ReactionFeed) -> u64 {

@@ -124,6 +124,10 @@ const MAX_STEP: (f64, f64) = (5.0, 0.02);
 /// wrench comes up anew: the object is left behind by as much, and would be dragged after it.
 const MAX_LATE_MOTION: (f64, f64) = (2e-3, 0.05);
 
+/// Contact force from which on the body touches something, N at the device: beyond the rounding of forces
+/// that cancel, and far below what a hand feels.
+const TOUCH_FORCE: f64 = 1e-6;
+
 /// Number of failed steps in a row after which the tool is placed where the hand is.
 const MAX_FAILED_STEPS: u32 = 20;
 
@@ -285,9 +289,6 @@ impl<T: Tool> HapticLoop<T> {
         if self.started.is_nan() {
             self.started = now;
         }
-        if self.contacts() > 0 {
-            self.telemetry.first_touch.get_or_insert(now);
-        }
         let (elapsed, dt) = times_of_step(now - std::mem::replace(&mut self.now, now), dt, self.max_step);
         let reading = self.read(device, gripper_angle, elapsed, dt);
         if self.workspace.clutched() {
@@ -319,6 +320,7 @@ impl<T: Tool> HapticLoop<T> {
         let wanted = self.workspace.mapping().wrench(&step.coupling.about(-arm));
         let sends = device.is_some() && !harmful && !failed && share > 0.0;
         let sent = self.limit((&wanted, step.gripper), device.is_none() || harmful, sends, &at);
+        self.telemetry.pass(elapsed);
         let handle = handle.pose * Pose::from_translation(-self.handle);
         (self.record(&handle, &step, sent), sent)
     }
@@ -391,6 +393,9 @@ impl<T: Tool> HapticLoop<T> {
             self.telemetry.events.reaction_dropped += lost;
         }
         self.pushed.end(dt, self.now);
+        if self.telemetry.first_touch.is_none() && self.touches(&step, dt) {
+            self.telemetry.first_touch = Some(self.now);
+        }
         let contacts = self.contacts();
         let depth = self.bodies.iter().map(|body| body.found.depth).fold(0.0, f64::max);
         let telemetry = &mut self.telemetry;
@@ -412,6 +417,18 @@ impl<T: Tool> HapticLoop<T> {
         }
         self.publish(step.status.failure.is_none(), dt);
         step
+    }
+
+    /// Whether a contact pushed the tool in a step of `dt` (s): one of its own, or one that another session
+    /// found. Contacts that are only near are no touch.
+    fn touches(&self, step: &ToolStep, dt: f64) -> bool {
+        let force = TOUCH_FORCE * self.workspace.mapping().scale;
+        let push =
+            |(index, body): (usize, &BodyContacts)| body.largest_push(&self.tool.body_state(index), dt);
+        step.status.failure.is_none()
+            && dt > 0.0
+            && (step.contacts.iter().any(|contact| contact.force.length() > force)
+                || self.bodies.iter().enumerate().any(|body| push(body) > force))
     }
 
     /// Applies newly set gains, gradually.

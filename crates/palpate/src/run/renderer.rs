@@ -359,6 +359,11 @@ impl<T: Tool> HapticRenderer<T> {
         self.settings_editor.insert(editor).clone()
     }
 
+    /// The editor of settings, if there is one.
+    pub(crate) fn editor_of_settings(&self) -> Option<&SettingsEditor> {
+        self.settings_editor.as_ref()
+    }
+
     /// Queue of contact reactions on scene objects, for other threads while the session runs. Each call
     /// returns another handle to the same queue.
     pub fn reactions(&mut self) -> Reactions {

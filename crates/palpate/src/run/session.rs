@@ -7,12 +7,14 @@ use palpate_device::Specification;
 use palpate_realtime::{Outcome, State, ThreadSetup};
 use serde::Serialize;
 
+use crate::contact::ContactLoop;
 use crate::haptic::invariants::InvariantRecord;
 use crate::run::machine::MachineLoad;
 use crate::run::renderer::HapticRenderer;
+use crate::run::settings_editor::SettingsEditor;
 use crate::scene::object::Object;
-use crate::settings::ContactSettings;
-use crate::telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles};
+use crate::settings::{ContactSettings, OutputSettings, Settings, ToolSettings, UnusedSetting};
+use crate::telemetry::{ContactTelemetry, Events, HapticTelemetry, Percentiles, Spans};
 use crate::tool::Tool;
 
 /// [`HapticSummary::scheduling`] on a simulated clock.
@@ -85,6 +87,8 @@ pub struct Session {
     pub grasp: DVec3,
     /// Stages of the pipeline: on or off, and why.
     pub stages: BTreeMap<&'static str, String>,
+    /// Settings that were given and had no effect, and why.
+    pub unused_settings: Vec<UnusedSetting>,
     /// Checks of the wrenches that were sent against the bounds that the engine promises, by
     /// [`Invariant`](crate::promises::Invariant).
     pub invariants: BTreeMap<&'static str, InvariantRecord>,
@@ -101,13 +105,14 @@ pub struct Summary {
     pub contact: ContactSummary,
     /// Requests to the operating system, and their outcomes; `None` on a simulated clock.
     pub realtime: Option<RealtimeSetup>,
-    /// Time of the first step with a contact, s; `None` if nothing was touched.
+    /// Time of the first step in which a contact pushed, with more than 1 µN at the device, s; `None` if none
+    /// did.
     pub first_touch_s: Option<f64>,
-    /// Largest number of contacts at once, before clustering.
+    /// Largest number of contacts that were known at once, before clustering, whether they pushed or not.
     pub contacts_max: u32,
-    /// Number of contacts at the end of the session.
+    /// Number of contacts known at the end of the session.
     pub contacts_at_end: u32,
-    /// Distance tolerance d of the contact queries, m: contacts push from this distance on.
+    /// Distance tolerance d of the contact queries, m: penalty contacts push from this distance on.
     pub tolerance: f64,
     /// Deepest penetration, m.
     pub depth_max: f64,
@@ -126,11 +131,15 @@ pub struct Summary {
     pub device_error: Option<String>,
     /// Stages of the pipeline: on or off, and why.
     pub stages: BTreeMap<&'static str, String>,
+    /// Settings that were given and had no effect, and why.
+    pub unused_settings: Vec<UnusedSetting>,
     /// Checks of the wrenches that were sent against the bounds that the engine promises, by
     /// [`Invariant`](crate::promises::Invariant).
     pub invariants: BTreeMap<&'static str, InvariantRecord>,
-    /// Counts of events.
+    /// Counts of events. Those that last are counted in each step.
     pub events: Events,
+    /// How often, and how long, events were that last.
+    pub spans: Spans,
 }
 
 /// Summary of the haptic loop. Values that the operating system does not report are `None`.
@@ -182,7 +191,7 @@ impl Session {
         clock: Clock,
         machine: MachineLoad,
     ) -> Self {
-        let stages = renderer.stages();
+        let (stages, unused_settings) = (renderer.stages(), renderer.unused_settings());
         if let Err(error) = renderer.device.close() {
             renderer.haptic.telemetry_mut().events.device_refused += 1;
             renderer.haptic.keep_device_error(error);
@@ -202,7 +211,19 @@ impl Session {
             "session ended"
         );
         let tolerance = renderer.contacts[0].tolerance();
-        Self { seconds, clock, haptic, contact, machine, tolerance, device_error, grasp, stages, invariants }
+        Self {
+            seconds,
+            clock,
+            haptic,
+            contact,
+            machine,
+            tolerance,
+            device_error,
+            grasp,
+            stages,
+            unused_settings,
+            invariants,
+        }
     }
 
     /// Makes the machine-readable summary.
@@ -248,8 +269,10 @@ impl Session {
             dissipated_j: haptic.dissipated,
             device_error: self.device_error.clone(),
             stages: self.stages.clone(),
+            unused_settings: self.unused_settings.clone(),
             invariants: self.invariants.clone(),
             events: haptic.events.and(&contact.events),
+            spans: haptic.spans,
         }
     }
 }
@@ -316,53 +339,72 @@ impl<T: Tool> HapticRenderer<T> {
         all
     }
 
-    /// Stages of the pipeline: on or off for the scene and the settings, and why.
+    /// Stages of the pipeline with the scene and the settings as they are: on or off, and why.
     pub fn stages(&self) -> BTreeMap<&'static str, String> {
-        let settings = self.settings();
-        let query = match self.scene().objects().len() {
-            0 => "off: the scene is empty".to_owned(),
-            1 => "on: one scene object".to_owned(),
-            n => format!("on: {n} scene objects"),
-        };
-        let contact = &self.contacts[0];
-        let watched = if contact.is_watched() { "on: contacts are shown" } else { "off: no monitor" };
-        BTreeMap::from([
-            ("braking", on_or_off(settings.search.braking)),
-            ("clustering", format!("on beyond {} contacts", settings.search.clusters)),
-            ("contact query", query),
-            ("contact response", contact.response_stage()),
+        let settings = self.latest_settings();
+        let mut stages = BTreeMap::from([
             ("device", self.device_stage()),
-            ("friction", self.friction_stage()),
+            ("friction", friction_stage(&settings.contact)),
             ("hierarchy", self.hierarchy_stage()),
             ("integrator", self.haptic.tool.integrator().to_owned()),
-            ("interpolation between levels", self.interpolation_stage()),
-            ("representative contacts", self.search_stage()),
             ("passivity controller", on_or_off(settings.output.passivity_controller)),
-            ("proxy", on_or_off(settings.search.proxy)),
-            ("textures", self.texture_stage()),
-            ("time-critical queries", self.budget_stage()),
-            ("watch", watched.to_owned()),
-        ])
+        ]);
+        let of_bodies: Vec<_> = self.contacts.iter().map(|contact| contact.stages(&settings)).collect();
+        if let Some((first, others)) = of_bodies.split_first() {
+            for (index, (stage, what)) in first.iter().enumerate() {
+                let differing = others.iter().map(|other| &other[index].1).find(|other| *other != what);
+                let both = |other: &String| format!("first body: {what}; second body: {other}");
+                stages.insert(stage, differing.map_or_else(|| what.clone(), both));
+            }
+        }
+        stages
+    }
+
+    /// Settings that are given and that nothing in this session uses, with the reasons. The scene is taken as
+    /// it is; the summary has those of the whole session.
+    pub fn unused_settings(&self) -> Vec<UnusedSetting> {
+        let settings = self.latest_settings();
+        // What one body of a tool has no use for, the other may use.
+        let mut of_bodies = self.contacts.iter().map(|contact| contact.unused(&settings));
+        let mut unused = of_bodies.next().unwrap_or_default();
+        for other in of_bodies {
+            unused.retain(|setting| other.contains(setting));
+        }
+        if self.contacts.len() > 1 && settings.tool.mass != ToolSettings::default().mass {
+            unused.push(UnusedSetting { name: "tool.mass", why: "each body of the tool has its own mass" });
+        }
+        let OutputSettings { force_slew, torque_slew, passivity_controller } = settings.output;
+        let Specification { actuated, peak_force, peak_torque, .. } = self.device.specification();
+        let force = actuated.translation.contains(&true) && *peak_force > 0.0;
+        let torque = actuated.rotation.contains(&true) && *peak_torque > 0.0;
+        let given = [
+            ("output.force_slew", force_slew.is_some() && !force, "the device renders no force"),
+            ("output.torque_slew", torque_slew.is_some() && !torque, "the device renders no torque"),
+            (
+                "output.passivity_controller",
+                passivity_controller && !force && !torque,
+                "the device renders neither force nor torque",
+            ),
+        ];
+        unused.extend(given.into_iter().filter(|it| it.1).map(|(name, _, why)| UnusedSetting { name, why }));
+        unused
+    }
+
+    /// Settings with those that editors have changed.
+    fn latest_settings(&self) -> Settings {
+        self.editor_of_settings().map_or(*self.settings(), SettingsEditor::settings)
     }
 
     /// Objects with their roles, those of the tool first.
     fn objects(&self) -> impl Iterator<Item = (&'static str, &Object)> {
-        let scene = self.scene().objects().iter().map(|placed| ("scene", &placed.object));
+        let scene = self.contacts[0].scene_objects().map(|object| ("scene", object));
         self.bodies().iter().map(|body| ("probe", body)).chain(scene)
     }
 
-    fn search_stage(&self) -> String {
-        match (self.contacts[0].search(), self.settings().search.representative_error) {
-            (Err(why), _) => format!("off: {why}; contacts are found by levels of detail"),
-            (Ok(_), Some(error)) => format!("on: off by about {error} m"),
-            (Ok(error), None) => {
-                let percent = 100.0 * error / self.bodies()[0].bounding_radius();
-                format!("on: off by about {percent:.2} % of the radius")
-            }
-        }
-    }
-
     fn hierarchy_stage(&self) -> String {
+        if self.contacts.iter().all(ContactLoop::is_by_fields) {
+            return "off: contacts are found in distance fields".to_owned();
+        }
         let objects: Vec<String> = self
             .objects()
             .map(|(role, Object { name, clod, .. })| match clod.leaves().len() {
@@ -373,44 +415,6 @@ impl<T: Tool> HapticRenderer<T> {
             })
             .collect();
         objects.join("; ")
-    }
-
-    fn budget_stage(&self) -> String {
-        match self.settings().detail.query_budget {
-            None => "off: no limit is set".to_owned(),
-            Some(seconds) => format!("on: at most {} µs each", 1e6 * seconds),
-        }
-    }
-
-    fn interpolation_stage(&self) -> String {
-        match self.contacts[0].error() {
-            _ if self.contacts[0].guards_only() => "off: constraints are found at full resolution".to_owned(),
-            error if error > 0.0 && !self.settings().detail.interpolation => {
-                format!("off by its setting: detail is left out up to {error} m")
-            }
-            error if error > 0.0 => format!("on: detail is left out up to {error} m"),
-            _ if self.settings().detail.error > 0.0 => "off: every object is one convex hull".to_owned(),
-            _ => "off: full resolution is set".to_owned(),
-        }
-    }
-
-    fn friction_stage(&self) -> String {
-        let ContactSettings { friction, static_friction, .. } = self.settings().contact;
-        match static_friction.filter(|at_rest| *at_rest != friction) {
-            Some(at_rest) => format!("on: coefficient {friction}, at rest {at_rest}"),
-            None if friction == 0.0 => "off: its coefficient is 0".to_owned(),
-            None => format!("on: coefficient {friction}"),
-        }
-    }
-
-    fn texture_stage(&self) -> String {
-        let Some(backend) = self.contacts[0].texture_backend() else {
-            return "off: no object has a haptic texture".to_owned();
-        };
-        let textured = self.objects().filter(|(_, object)| object.texture().is_some());
-        let textured: Vec<String> =
-            textured.map(|(role, object)| format!("{role} {}", object.name)).collect();
-        format!("on, computed by {backend}: {}", textured.join(", "))
     }
 
     /// Axes along and about which the device renders, and those along and about which it senses no motion.
@@ -431,6 +435,15 @@ impl<T: Tool> HapticRenderer<T> {
             }
         };
         format!("{name}: {felt}{unsensed}")
+    }
+}
+
+fn friction_stage(contact: &ContactSettings) -> String {
+    let ContactSettings { friction, static_friction, .. } = *contact;
+    match static_friction.filter(|at_rest| *at_rest != friction) {
+        Some(at_rest) => format!("on: coefficient {friction}, at rest {at_rest}"),
+        None if friction == 0.0 => "off: its coefficient is 0".to_owned(),
+        None => format!("on: coefficient {friction}"),
     }
 }
 

@@ -275,7 +275,7 @@ pub enum ContactSearch {
     ///   whose error is more than a quarter of d,
     /// - or the tool [has a hinge](crate::tool::Hinged).
     ///
-    /// It is decided when the session is made; the stage `representative contacts` of its summary gives the
+    /// It is decided when the session is made; the stage `contact search` of its summary gives the
     /// decision and its reason. If such an object is added later, the session changes to levels and stays
     /// with them.
     #[default]
@@ -351,6 +351,17 @@ pub struct SettingsError {
     pub value: f64,
     /// Values that are accepted.
     pub expected: &'static str,
+}
+
+/// A setting that is given and that nothing in a session uses
+/// ([`HapticRenderer::unused_settings`](crate::HapticRenderer::unused_settings)).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, thiserror::Error)]
+#[error("{name}: {why}")]
+pub struct UnusedSetting {
+    /// Path of the setting, as in a scene file.
+    pub name: &'static str,
+    /// Reason why it has no effect.
+    pub why: &'static str,
 }
 
 impl Settings {

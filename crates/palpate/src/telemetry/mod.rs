@@ -88,6 +88,59 @@ macro_rules! events {
     };
 }
 
+/// How often an event of [`Events`] that lasts began, and how long it lasted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Span {
+    /// Number of times: steps in a row with the event are one.
+    pub times: u64,
+    /// Duration of all of them together, s.
+    pub seconds: f64,
+}
+
+/// Declares the [`Spans`]: those events that last for several haptic steps.
+macro_rules! spans {
+    ($($event:ident,)*) => {
+        /// How often, and how long, the events were that last for several haptic steps. Their counts in
+        /// [`Events`] are of steps.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+        pub struct Spans {
+            $(
+                #[doc = concat!("The event [`", stringify!($event), "`](Events::", stringify!($event), ").")]
+                pub $event: Span,
+            )*
+        }
+
+        impl Spans {
+            /// Counts the events of a step of `dt` (s): those whose counts have changed. One that did not
+            /// last since the step `before` began.
+            fn pass(&mut self, [before, last, now]: [&Events; 3], dt: f64) {
+                $(
+                    if now.$event > last.$event {
+                        self.$event.times += u64::from(last.$event == before.$event);
+                        self.$event.seconds += dt;
+                    }
+                )*
+            }
+        }
+    };
+}
+
+spans! {
+    device_refused,
+    device_stale,
+    device_ended,
+    waited,
+    withheld,
+    hot,
+    step_refused,
+    saturated,
+    slewed,
+    faded,
+    engaging,
+    clutched,
+    damped,
+}
+
 events! {
     /// The device did not answer, reported a motion that is not finite or a place far outside its workspace,
     /// or refused a wrench; its last good pose was held. No wrench is sent while the device does not answer,
@@ -202,11 +255,11 @@ pub struct HapticTelemetry {
     pub wake: Times,
     /// Deepest penetration that a contact query reported, m.
     pub depth_max: f64,
-    /// Time of the first step with a contact, s: surfaces were closer to each other than the tolerance d.
+    /// Time of the first step in which a contact pushed, s: with a force of more than 1 µN at the device.
     pub first_touch: Option<f64>,
-    /// Largest number of contacts that a contact query found, before clustering.
+    /// Largest number of contacts that were known at once, before clustering, whether they pushed or not.
     pub contacts_max: u32,
-    /// Number of contacts of the latest query.
+    /// Number of contacts known in the last step.
     pub contacts_now: u32,
     /// Largest stretch of the coupling, m: distance of the grasp from where the device holds it
     /// ([`Record::stretch`](crate::Record::stretch)).
@@ -226,6 +279,19 @@ pub struct HapticTelemetry {
     pub dissipated: f64,
     /// Counts of events.
     pub events: Events,
+    /// How often, and how long, events were that last.
+    pub spans: Spans,
+    /// Counts of events after the last step, and after the one before.
+    counted: [Events; 2],
+}
+
+impl HapticTelemetry {
+    /// Ends a step of `dt` (s): adds the events since the last one to their spans.
+    pub(crate) fn pass(&mut self, dt: f64) {
+        let [before, last] = &self.counted;
+        self.spans.pass([before, last, &self.events], dt);
+        self.counted = [self.counted[1], self.events];
+    }
 }
 
 /// Measurements of the contact loop.
