@@ -208,6 +208,7 @@ impl ContactLoop {
             felt_elsewhere,
             pushable,
             pushed: None,
+            on_loan: Arc::clone(&near.on_loan),
         })
     }
 

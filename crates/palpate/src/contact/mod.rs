@@ -36,7 +36,7 @@ use self::by_fields::{ByFields, FieldFinder, in_steps};
 use self::geometry::{ContactGeometry, PredictedMotion};
 use self::group::ContactGroup;
 use self::guard::Guard;
-use self::in_scene::{InScene, objects_of};
+use self::in_scene::{InScene, OnLoan, objects_of};
 use self::lookahead::Lookahead;
 pub(crate) use self::search::ByLevels;
 use self::search::{RESERVED, choose};
@@ -110,6 +110,9 @@ pub struct ContactLoop {
     probe: Object,
     /// Scene objects by their places in the query.
     objects: Vec<Option<InScene>>,
+    /// Surfaces of removed objects that the haptic loop may still hold. Large ones take milliseconds to free,
+    /// which is done here once it has let go.
+    on_loan: Vec<OnLoan>,
     /// Places of the objects that move or can be moved.
     moving: Vec<usize>,
     /// Bound on the speed of any point of the moving objects near the body, m/s.
@@ -184,6 +187,7 @@ impl ContactLoop {
             proxy: Proxy::new(body, center_of_mass, radius, parameters.tolerance, recesses, proxy),
             probe: probe.clone(),
             objects,
+            on_loan: Vec::new(),
             moving: Vec::new(),
             fastest: 0.0,
             predicted: None,
@@ -222,6 +226,7 @@ impl ContactLoop {
     /// grow to the size that the scene needs.
     pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
         self.interval = time - std::mem::replace(&mut self.time, time);
+        self.on_loan.retain_mut(OnLoan::is_held);
         self.make_edits();
         self.tune(self.interval);
         self.move_objects(body, time);

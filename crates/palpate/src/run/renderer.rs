@@ -5,7 +5,7 @@ use std::sync::Arc;
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_device::{DeviceError, DeviceState, HapticDevice};
-use palpate_dynamics::{ArticulatedState, Body, BodyState, Integrator, SemiImplicit};
+use palpate_dynamics::{ArticulatedState, Body, BodyState, Integrator, Recovery, SemiImplicit};
 use palpate_texture_pd::Backend;
 
 use crate::contact::monitor::ContactMonitor;
@@ -131,7 +131,7 @@ impl HapticRenderer {
             body,
             coupling: gains.coupling,
             state: BodyState::at_rest(pose),
-            recovery: 0.0,
+            recovery: Recovery::at_scale(settings.device.workspace_scale),
             center_of_mass,
             integrator: Arc::new(SemiImplicit),
         };
@@ -219,7 +219,7 @@ impl HapticRenderer<Hinged> {
             coupling: gains.coupling,
             grip,
             state: ArticulatedState::at_rest(pose, angle),
-            recovery: 0.0,
+            recovery: Recovery::at_scale(settings.device.workspace_scale),
             centers,
         };
         let prepared = Prepared {
