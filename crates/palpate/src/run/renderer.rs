@@ -350,9 +350,9 @@ impl<T: Tool> HapticRenderer<T> {
         if let Some(editor) = &self.settings_editor {
             return editor.clone();
         }
-        let specification = self.device.specification().clone();
+        let (scene, specification) = (self.scene_editor(), self.device.specification().clone());
         let by_fields = self.contacts.iter().any(ContactLoop::is_by_fields);
-        let editor = SettingsEditor::new(self.settings, self.grasped, specification, by_fields);
+        let editor = SettingsEditor::new(self.settings, self.grasped, specification, scene, by_fields);
         self.haptic.set_tunings(editor.add_haptic_loop());
         self.contacts.iter_mut().for_each(|contact| contact.set_tunings(editor.add_contact_loop()));
         self.settings_editor.insert(editor).clone()
