@@ -96,5 +96,6 @@ pub use port::{LONGEST_LAG, PortAxes, PortLimits, Sampling};
 pub use saturation::{SlewLimit, angular_spring_torque, saturate, spring_force};
 pub use step::{Frame, MAX_SOLVES, Step, StepFailure, StepStatus, semi_implicit_step};
 pub use unilateral::{
-    ConstrainedStep, HostState, MAX_UNILATERAL, MotionBound, PushedBody, UnilateralContact, constrained_step,
+    ConstrainedStep, HostState, MAX_UNILATERAL, MotionBound, PushedBody, Recovery, UnilateralContact,
+    constrained_step,
 };

@@ -21,7 +21,7 @@ use crate::unilateral::tool::{
     Moved, Pushed, Rows, Solver, Vector, allowed, changed, choose, mobility_factor, next_recovery, push_row,
     scaled, share, wrench,
 };
-use crate::unilateral::{MAX_UNILATERAL, MotionBound, PushedBody, UnilateralContact};
+use crate::unilateral::{MAX_UNILATERAL, MotionBound, PushedBody, Recovery, UnilateralContact};
 
 /// Largest number of contacts of one body whose impulses a step finds.
 const MOST: usize = MAX_UNILATERAL / 2;
@@ -90,7 +90,7 @@ pub fn constrained_articulated_step(
     contacts: [&mut [UnilateralContact]; 2],
     pushed: &[PushedBody],
     bounds: &[MotionBound; 2],
-    recovery: f64,
+    recovery: &Recovery,
     dt: f64,
 ) -> ConstrainedToolStep {
     if let Some(refused) = frame.refused(state, dt) {

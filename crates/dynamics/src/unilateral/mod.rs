@@ -65,7 +65,7 @@ use glam::DVec3;
 use palpate_core::{Pose, Twist};
 
 pub use pushed::{HostState, PushedBody};
-pub use step::{ConstrainedStep, constrained_step};
+pub use step::{ConstrainedStep, Recovery, constrained_step};
 
 /// Largest number of contacts whose impulses a step finds.
 pub const MAX_UNILATERAL: usize = 64;

@@ -25,7 +25,7 @@ const MAX_PAST: usize = 64;
 /// jerks at each answer; with more, it stays off for longer.
 const TAKE_OVER: (f64, f64) = (1.0, 2e-3);
 
-/// Difference to the host, m and rad, beyond which a body was put elsewhere and is placed there at once. With
+/// Difference to the host, m at the device and rad, beyond which a body was put elsewhere and is placed there at once. With
 /// less, it jumps where a host answers late; with more, it strikes what lies on its way.
 const ELSEWHERE: (f64, f64) = (0.05, 1.0);
 
@@ -64,6 +64,8 @@ pub struct PushedBody {
     next: usize,
     host: HostState,
     response: Response,
+    /// Lengths of the world for those at the device.
+    scale: f64,
 }
 
 /// A pose and a twist less others.
@@ -140,7 +142,14 @@ impl PushedBody {
             next: 0,
             host: *host,
             response: Response::free(slow),
+            scale: 1.0,
         }
+    }
+
+    /// The body in a world in which lengths are `scale` times those at the device.
+    #[must_use]
+    pub fn at_scale(self, scale: f64) -> Self {
+        Self { scale, ..self }
     }
 
     /// Pose of the centre of mass.
@@ -196,14 +205,14 @@ impl PushedBody {
             twist: Twist::new(host.twist.linear - twist.linear, host.twist.angular - twist.angular),
         };
         let Difference { shift, turn, .. } = self.off;
-        if shift.length() > ELSEWHERE.0 || turn.length() > ELSEWHERE.1 {
+        if shift.length() > ELSEWHERE.0 * self.scale || turn.length() > ELSEWHERE.1 {
             self.place(host);
         }
     }
 
     /// Learns from what the host has said how the body responds.
     pub fn learn(&mut self) {
-        self.response.update(self.coordinates.root_mass, self.delay);
+        self.response.update(self.coordinates.root_mass * self.scale, self.delay);
     }
 
     /// Puts the body where its host says that it is. It then responds as a free one does.
@@ -235,9 +244,8 @@ impl PushedBody {
         add(&mut self.pushed, 1.0, &impulse);
     }
 
-    /// Ends a step of `dt` (s) at a time (s): the body moves. Returns the shift of its centre of mass and its
-    /// turn, m and rad.
-    pub fn end(&mut self, dt: f64, time: f64) -> (f64, f64) {
+    /// Ends a step of `dt` (s) at a time (s): the body moves.
+    pub fn end(&mut self, dt: f64, time: f64) {
         let change = self.coordinates.twist(&self.pose, &self.response.shared(&self.pushed));
         self.twist.linear += change.linear;
         self.twist.angular += change.angular;
@@ -257,7 +265,6 @@ impl PushedBody {
             let host = self.host;
             self.place(&host);
         }
-        (moved.linear.length(), moved.angular.length())
     }
 
     /// The scaled row Cᵀ z of a unit velocity along an axis at a point (m).

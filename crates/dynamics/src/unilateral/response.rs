@@ -16,7 +16,7 @@ use crate::linear_solve::inverse_definite;
 /// that comes free still counts as blocked.
 const MEMORY: f64 = 4.0;
 
-/// Velocity below which responses are not known, m/s. With less, the noise of the host's answers looks like a
+/// Velocity below which responses are not known, m/s at the device. With less, the noise of the host's answers looks like a
 /// response; with more, bodies on a floor sink in further before they are known to stand.
 const NOISE: f64 = 3e-3;
 
@@ -73,7 +73,7 @@ impl Response {
         }
     }
 
-    /// Finds R from what was seen, of a body with √m.
+    /// Finds R from what was seen, of a body with √m, times the scale of the world.
     pub fn update(&mut self, root_mass: f64, delay: f64) {
         // What is not known responds as a free body does.
         let unknown = (root_mass * NOISE).powi(2) * MEMORY * delay;

@@ -14,10 +14,11 @@ use crate::coupling::VirtualCoupling;
 use crate::linear_solve::{inverse, inverse_definite};
 use crate::step::{Frame, Solution, Step, StepFailure, System};
 
-/// Force in the coupling's damper, N, with which an overlap is undone: less than a hand feels as a push.
+/// Force in the coupling's damper, N at the device, with which an overlap is undone: less than a hand feels
+/// as a push.
 const RECOVERY_FORCE: f64 = 0.05;
 
-/// Largest speed at which an overlap is undone, m/s.
+/// Largest speed at which an overlap is undone, m/s at the device.
 const MAX_RECOVERY: f64 = 0.02;
 
 /// Outcome of a step with unilateral contacts.
@@ -29,6 +30,23 @@ pub struct ConstrainedStep {
     pub held_back: bool,
     /// Largest velocity with which overlaps were undone, m/s: the next step goes on from it.
     pub recovery: f64,
+}
+
+/// Velocity with which overlaps of a tool are undone, from one step to the next.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Recovery {
+    /// Largest in the last step, m/s; 0 before the first.
+    pub speed: f64,
+    /// Lengths of the world for those at the device, by which its forces are weaker
+    /// ([`DeviceMapping::scale`](crate::DeviceMapping::scale)).
+    pub scale: f64,
+}
+
+impl Recovery {
+    /// The start of a tool whose device moves in the world by a scale.
+    pub fn at_scale(scale: f64) -> Self {
+        Self { speed: 0.0, scale }
+    }
 }
 
 impl From<Step> for ConstrainedStep {
@@ -43,7 +61,7 @@ impl From<Step> for ConstrainedStep {
 /// the bodies that contacts push, those from the fourth on do not give way in this step.
 ///
 /// Overlaps are undone with at most the recovery velocity, which sets in over some milliseconds: `recovery`
-/// is that of the last step (m/s), or 0.
+/// is that of the last step.
 ///
 /// Where there are more than [`MAX_UNILATERAL`](super::MAX_UNILATERAL) contacts, their order changes.
 ///
@@ -54,7 +72,7 @@ pub fn constrained_step(
     contacts: &mut [UnilateralContact],
     pushed: &[PushedBody],
     bound: &MotionBound,
-    recovery: f64,
+    recovery: &Recovery,
     dt: f64,
 ) -> ConstrainedStep {
     if let Some(refused) = frame.refused(state, dt) {
@@ -143,14 +161,15 @@ pub(crate) fn changed<const D: usize, const N: usize>(
 /// before, m/s.
 #[inline(always)]
 pub(crate) fn next_recovery<'a>(
-    before: f64,
+    before: &Recovery,
     contacts: impl IntoIterator<Item = &'a UnilateralContact>,
     coupling: &VirtualCoupling,
     dt: f64,
 ) -> f64 {
-    let most = (RECOVERY_FORCE / coupling.linear_damping).min(MAX_RECOVERY);
+    // Both are at the device, where lengths and forces are smaller by the scale.
+    let most = before.scale * (RECOVERY_FORCE / coupling.linear_damping).min(MAX_RECOVERY);
     let depth = contacts.into_iter().fold(0.0, |depth: f64, contact| depth.max(-contact.gap));
-    let [before, wanted] = [before, depth / RECOVERY_TIME].map(|speed| speed.min(most).max(0.0));
+    let [before, wanted] = [before.speed, depth / RECOVERY_TIME].map(|speed| speed.min(most).max(0.0));
     before + (dt / RECOVERY_TIME).min(1.0) * (wanted - before)
 }
 

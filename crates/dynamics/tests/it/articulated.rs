@@ -8,8 +8,8 @@ use palpate_core::{Contact, Pose, Twist, Wrench};
 use palpate_dynamics::{
     ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, Body, BodyState, ContactParameters,
     DeviceMotion, Frame, Friction, GripperCoupling, GripperMotion, Joint, JointLimits, LinearContactModel,
-    MAX_ARTICULATED_SOLVES, MotionBound, PlaneConstraint, StepFailure, UnilateralContact, VirtualCoupling,
-    articulated_step, constrained_articulated_step, constrained_step, semi_implicit_step,
+    MAX_ARTICULATED_SOLVES, MotionBound, PlaneConstraint, Recovery, StepFailure, UnilateralContact,
+    VirtualCoupling, articulated_step, constrained_articulated_step, constrained_step, semi_implicit_step,
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
@@ -913,14 +913,14 @@ fn with_its_hinge_held_a_tool_meets_surfaces_as_one_body() {
         let centers = [state.first.pose.translation, tool.second(&state).pose.translation];
         let mut all: Vec<_> = first.iter().map(from_centre(centers[0])).collect();
         all.extend(second.iter().map(from_centre(centers[1])));
-        let recovery = rng.random_range(0.0..0.02);
+        let recovery = Recovery { speed: rng.random_range(0.0..0.02), scale: 1.0 };
         let found = constrained_articulated_step(
             &scene.frame(),
             &state,
             [&mut first, &mut second],
             &[],
             &NO_BOUNDS,
-            recovery,
+            &recovery,
             STEP,
         );
         let contacts = no_contacts();
@@ -931,7 +931,7 @@ fn with_its_hinge_held_a_tool_meets_surfaces_as_one_body() {
             contacts: &contacts,
             gravity: DVec3::ZERO,
         };
-        let single = constrained_step(&frame, &whole, &mut all, &[], &MotionBound::NONE, recovery, STEP);
+        let single = constrained_step(&frame, &whole, &mut all, &[], &MotionBound::NONE, &recovery, STEP);
         let (found, single) = (found.step, single.step);
         assert!(found.status.failure.is_none() && single.status.failure.is_none());
         let here = found.state.first.twist.velocity_at(found.state.first.pose.transform_vector(centre));
@@ -962,7 +962,7 @@ fn blades_that_close_do_not_pass() {
     let tip = start.pose.translation;
     let along = -axis.cross(tip - hinge).normalize();
     let surface = tip + along * 1e-3;
-    let (mut impulse, mut recovery) = (DVec3::ZERO, 0.0);
+    let (mut impulse, mut recovery) = (DVec3::ZERO, Recovery::at_scale(1.0));
     let (mut deepest, mut force) = (f64::INFINITY, 0.0);
     for _ in 0..1000 {
         let second = tool.second(&state).pose.translation;
@@ -982,12 +982,12 @@ fn blades_that_close_do_not_pass() {
             [&mut [], &mut contacts],
             &[],
             &NO_BOUNDS,
-            recovery,
+            &recovery,
             STEP,
         );
         let step = found.step;
         assert!(step.status.failure.is_none());
-        (state, impulse, recovery) = (step.state, contacts[0].impulse, found.recovery);
+        (state, impulse, recovery.speed) = (step.state, contacts[0].impulse, found.recovery);
         deepest = deepest.min((surface - tool.second(&state).pose.translation).dot(along));
         force = step.contacts[1].force.length();
     }

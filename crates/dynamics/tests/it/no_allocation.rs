@@ -5,8 +5,8 @@ use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose};
 use palpate_dynamics::{
     Body, BodyState, ContactParameters, DeviceMotion, Frame, Friction, Integrator, IntegratorKind,
-    LinearContactModel, MAX_UNILATERAL, MotionBound, UnilateralContact, VirtualCoupling, constrained_step,
-    saturate,
+    LinearContactModel, MAX_UNILATERAL, MotionBound, Recovery, UnilateralContact, VirtualCoupling,
+    constrained_step, saturate,
 };
 
 #[test]
@@ -88,7 +88,7 @@ fn steps_with_unilateral_contacts_allocate_nothing() {
         key: i as u16,
     };
     let mut contacts: [UnilateralContact; 3 * MAX_UNILATERAL] = std::array::from_fn(contact);
-    let (mut pushes, mut held_back, mut recovery) = (0, 0, 0.0);
+    let (mut pushes, mut held_back, mut recovery) = (0, 0, Recovery::at_scale(1.0));
     let made = measure(|| {
         for i in 0..20_000 {
             let t = f64::from(i) * 1e-3;
@@ -109,8 +109,8 @@ fn steps_with_unilateral_contacts_allocate_nothing() {
                 gravity: DVec3::ZERO,
             };
             let bound = MotionBound { from: state.pose, room: 1e-3, step: 3e-5, radius: 0.03 };
-            let found = constrained_step(&frame, &state, &mut contacts, &[], &bound, recovery, 1e-3);
-            (state, recovery) = (found.step.state, found.recovery);
+            let found = constrained_step(&frame, &state, &mut contacts, &[], &bound, &recovery, 1e-3);
+            (state, recovery.speed) = (found.step.state, found.recovery);
             pushes += u32::from(contacts.iter().any(|contact| contact.impulse.z < 0.0));
             held_back += u32::from(found.held_back);
         }

@@ -11,11 +11,11 @@ use super::search::unfit;
 use super::{ContactLoop, any_refined, query_settings};
 use crate::contact::textures::Textures;
 use crate::scene::SceneId;
-use crate::scene::editor::{Edit, SceneEditor};
+use crate::scene::editor::{Edit, Needs, SceneEditor};
 use crate::scene::moving::{DynamicBody, HandMotion, MovingObject};
 use crate::scene::object::Object;
-use crate::settings::ContactSearch;
 use crate::settings::live::{ContactTuning, Ramp};
+use crate::settings::{ContactSearch, Response};
 
 impl ContactLoop {
     /// Puts a scene object at a pose (mesh frame to world) from the next step on; `false` if it does not
@@ -80,27 +80,51 @@ impl ContactLoop {
     pub fn add(&mut self, id: SceneId, object: &Object, pose: &Pose) -> bool {
         let added = self.insert(id, object, pose);
         if let Some(editor) = self.editor.as_ref().filter(|_| added) {
-            editor.note(id, true);
+            editor.note(id, Some(object));
         }
         added
     }
 
     fn insert(&mut self, id: SceneId, object: &Object, pose: &Pose) -> bool {
-        if self.place_of(id).is_some() {
-            return false;
-        }
+        self.place_of(id).is_none() && self.exchange(None, id, object, pose)
+    }
+
+    /// Puts a new object in the place of the one at a place, if there is one; `false`, and the old one stays,
+    /// if the new one cannot be rendered.
+    fn exchange(&mut self, old: Option<usize>, id: SceneId, object: &Object, pose: &Pose) -> bool {
         let handle = self.scene.add(object.shape(), pose);
         let place = handle.place();
         if self.objects.len() <= place {
             self.objects.resize_with(place + 1, || None);
         }
-        self.objects[place] = Some(InScene::new(id, handle, object));
-        if self.insert_field(place, object) && self.retexture(object) {
+        let mut before = old.and_then(|old| self.objects[old].take());
+        let mut made = InScene::new(id, handle, object);
+        made.moving = before.as_mut().and_then(|before| before.moving.take());
+        self.objects[place] = Some(made);
+        // Textures are as they were if they cannot be made; then the field is not looked at.
+        let is_textured = |object: Option<&Object>| object.is_some_and(|object| object.texture().is_some());
+        let renews = is_textured(Some(object)) || is_textured(before.as_ref().map(|before| &before.object));
+        let is_rendered = self.retexture(renews);
+        if is_rendered && self.insert_field(place, object) {
+            if let (Some(before), Some(old)) = (&before, old) {
+                self.let_go(old, before);
+                if self.objects[place].as_ref().is_some_and(|object| object.moving.is_some()) {
+                    self.moving.push(place);
+                }
+            }
             self.scene_has_changed();
             self.ran.objects = self.ran.objects.max(self.scene_objects().count());
             return true;
         }
-        self.delete(id);
+        let made = self.objects[place].take();
+        self.scene.remove(handle);
+        if let (Some(old), Some(mut before)) = (old, before) {
+            before.moving = made.and_then(|made| made.moving);
+            self.objects[old] = Some(before);
+        }
+        if is_rendered {
+            self.retexture(renews);
+        }
         false
     }
 
@@ -120,35 +144,39 @@ impl ContactLoop {
     /// Removes an object from the next step on; `false` if it does not exist.
     pub fn remove(&mut self, id: SceneId) -> bool {
         if let Some(editor) = &self.editor {
-            editor.note(id, false);
+            editor.note(id, None);
         }
         self.delete(id)
     }
 
     fn delete(&mut self, id: SceneId) -> bool {
         let Some(place) = self.place_of(id) else { return false };
-        let Some(InScene { handle, object, .. }) = self.objects[place].take() else { return false };
+        let Some(removed) = self.objects[place].take() else { return false };
         self.scene_has_changed();
+        self.let_go(place, &removed);
+        self.retexture(removed.object.texture().is_some())
+    }
+
+    /// Lets go of an object that was at a place.
+    fn let_go(&mut self, place: usize, removed: &InScene) {
         if let Ok(fields) = &mut self.by_fields {
             fields.remove(place);
         }
-        self.scene.remove(handle);
+        self.scene.remove(removed.handle);
         self.moving.retain(|&moving| moving != place);
-        self.retexture(&object)
+        self.on_loan.push(removed.on_loan());
     }
 
-    /// Replaces an object by another, which keeps its id and its dynamics.
+    /// Replaces an object by another, which keeps its id and its dynamics; `false` if that cannot be
+    /// rendered, and the object stays.
     fn replace(&mut self, id: SceneId, object: &Object, pose: &Pose) -> bool {
-        let moving = self.place_of(id).and_then(|place| self.objects[place].as_mut()?.moving.take());
-        if !(self.delete(id) && self.insert(id, object, pose)) {
+        let Some(place) = self.place_of(id) else { return false };
+        if !self.exchange(Some(place), id, object, pose) {
             return false;
         }
-        if let (Some(mut moving), Some(place)) = (moving, self.place_of(id)) {
+        let known = self.place_of(id).and_then(|place| self.objects[place].as_mut());
+        if let Some(moving) = known.and_then(|known| known.moving.as_mut()) {
             moving.0.stop();
-            if let Some(object) = &mut self.objects[place] {
-                object.moving = Some(moving);
-                self.moving.push(place);
-            }
         }
         true
     }
@@ -182,10 +210,10 @@ impl ContactLoop {
         SceneId(self.objects.iter().flatten().map(|object| object.id.0 + 1).max().unwrap_or(0))
     }
 
-    /// Rebuilds the textures of the scene if the object that was added or removed, or any other, is textured;
-    /// `false` if they cannot be rendered.
-    fn retexture(&mut self, object: &Object) -> bool {
-        if self.textures.is_none() && object.texture().is_none() && self.probe.texture().is_none() {
+    /// Rebuilds the textures of the scene if the object that was added or removed is textured, or any other;
+    /// `false` if they cannot be rendered, and are as they were.
+    fn retexture(&mut self, is_textured: bool) -> bool {
+        if self.textures.is_none() && !is_textured && self.probe.texture().is_none() {
             return true;
         }
         let objects = objects_of(&self.objects);
@@ -213,16 +241,18 @@ impl ContactLoop {
         if let Some(editor) = &self.editor {
             return editor.clone();
         }
-        let needs = self.by_fields.as_ref().ok().map(|fields| fields.needs.options());
-        let (editor, edits) = SceneEditor::new(self.objects.iter().flatten().map(|object| object.id), needs);
-        self.edits = Some(edits);
+        let fields = self.by_fields.as_ref().ok().map(|fields| fields.needs.options());
+        let needs = Needs { fields, features: self.response == Response::Constraints };
+        let known = self.objects.iter().flatten().map(|known| (known.id, known.object.clone()));
+        let editor = SceneEditor::new(known, needs);
+        self.edits = Some(editor.add_loop(&self.probe));
         self.editor.insert(editor).clone()
     }
 
     /// Connects the editor of another loop with the same scene to this one as well.
     pub(crate) fn follow_editor(&mut self, editor: &SceneEditor) {
         if self.editor.is_none() {
-            self.edits = Some(editor.add_loop());
+            self.edits = Some(editor.add_loop(&self.probe));
             self.editor = Some(editor.clone());
         }
     }
@@ -304,3 +334,6 @@ impl ContactLoop {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

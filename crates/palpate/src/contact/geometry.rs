@@ -27,19 +27,20 @@ const LANES: usize = 8;
 pub(crate) const MAX_OBJECTS: usize = 256;
 
 /// Distance within which contacts with a scene object are wanted beyond that of the body's own motion, in
-/// lengths of the object's last step.
+/// lengths of the object's motion in this step.
 const OBJECT_REACH: f64 = 2.0;
 
 /// Longest time that scene objects move on from where a query found them, s.
 pub(super) const MAX_OBJECT_MOTION: f64 = 0.05;
 
-/// Largest distance (m) and smallest cosine of the angle between normals of contacts that are one. With less,
-/// points that have descended to the same place use up the contacts of a step.
-const SAME_PLACE: f64 = 2e-5;
+/// Largest distance, in bounding radii of the body, and smallest cosine of the angle between normals of
+/// contacts that are one. With less, points that have descended to the same place use up the contacts of a
+/// step.
+const SAME_PLACE: f64 = 6e-4;
 const SAME_NORMAL: f64 = 0.999;
 
 /// The same for contacts of two steps that are one, where the points have changed.
-const NEAR_PLACE: f64 = 2e-4;
+const NEAR_PLACE: f64 = 6e-3;
 const NEAR_NORMAL: f64 = 0.95;
 
 /// Largest share of the friction cone, in the last step, with which a contact still sticks.
@@ -54,9 +55,10 @@ pub(crate) struct NearObject {
     /// Pose of its mesh's frame.
     pub pose: Pose,
     pub motion: MovingBody,
-    /// Bound on the speed of any of its points, m/s.
+    /// Bound on the speed of any of its points in this step, m/s; 0 for one in another hand that contacts do
+    /// not push here.
     pub speed: f64,
-    /// Bound on the motion of any of its points since the last step, m.
+    /// Bound on how far any of its points has moved since its points were last measured, m.
     pub moved: f64,
     /// Whether another session finds the contacts with it, so that it only bounds the body's motion here.
     pub felt_elsewhere: bool,
@@ -64,6 +66,9 @@ pub(crate) struct NearObject {
     pub pushable: Option<Pushable>,
     /// Index among the bodies that the haptic loop moves.
     pub pushed: Option<u8>,
+    /// Held by all who hold the surface: while there are others, the contact loop keeps the surface, too, so
+    /// that they never free it.
+    pub on_loan: Arc<()>,
 }
 
 /// Motion of scene objects by the haptic loop: pose of the mesh's frame, and velocity of its origin.
@@ -114,20 +119,27 @@ pub(crate) struct StepContacts {
     pub room: f64,
     /// Largest depth, m; 0 if nothing overlaps.
     pub depth: f64,
+    /// Bounding radius of the body about its centre of mass, m.
+    radius: f64,
 }
 
 /// Motion of the body from one step to the next.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct StepMotion {
-    /// Bound on the motion of any point of the body in the last step, m.
+    /// Bound on how far any point of the body has moved since points were last measured, m.
     pub moved: f64,
     /// Distance within which contacts are wanted, m.
     pub reach: f64,
+    /// Time of the step, s.
+    pub dt: f64,
 }
 
 impl ContactGeometry {
-    /// Finds the contacts that a step from a state of the body may reach. The impulses of the last step's
-    /// contacts, `before`, are taken over.
+    /// Finds the contacts that a step from a state of the body may reach, with the scene's objects where they
+    /// are at its start. The impulses of the last step's contacts, `before`, are taken over.
+    ///
+    /// Points lose what the bodies have really moved, whatever the length of the steps: a host's steps vary,
+    /// and the velocity of this step may be that after a push.
     pub fn contacts(
         &mut self,
         slacks: &mut Slacks,
@@ -137,11 +149,12 @@ impl ContactGeometry {
         found: &mut StepContacts,
     ) {
         found.clear();
-        let StepMotion { moved, reach } = *motion;
+        found.radius = self.bound.radius;
+        let StepMotion { moved, reach, dt } = *motion;
         let mesh = state.pose * Pose::from_translation(-self.center_of_mass);
         let Self { probe, objects, points, margin, friction, .. } = self;
         let mut first = 0;
-        for (object, end) in objects.iter().zip(&slacks.ends) {
+        for (object, end) in objects.iter_mut().zip(&slacks.ends) {
             let range = first..usize::from(*end);
             first = usize::from(*end);
             if object.felt_elsewhere {
@@ -149,9 +162,12 @@ impl ContactGeometry {
             }
             let Some(values) = slacks.values.get_mut(range.clone()) else { continue };
             let mut near = ArrayVec::<u16, MAX_POINTS>::new();
-            let reach = reach + OBJECT_REACH * object.moved;
-            let room = pass((moved + object.moved) as f32, reach as f32, values, &mut near);
-            found.room = found.room.min(f64::from(room));
+            // What is beyond the reach is met neither by the body's motion nor by the object's.
+            let ahead = object.speed * dt;
+            let reach = reach + OBJECT_REACH * ahead;
+            let gone = moved + std::mem::take(&mut object.moved);
+            let room = pass(gone as f32, reach as f32, values, &mut near);
+            found.room = found.room.min(f64::from(room) - ahead);
             if near.is_empty() {
                 continue;
             }
@@ -167,7 +183,7 @@ impl ContactGeometry {
                 let gap = measured.distance - *margin;
                 *slack = gap as f32;
                 if gap > reach {
-                    found.room = found.room.min(gap);
+                    found.room = found.room.min(gap - ahead);
                     continue;
                 }
                 found.depth = found.depth.max(-measured.distance);
@@ -238,12 +254,11 @@ impl ContactGeometry {
     }
 
     /// Takes into account that the bodies have moved since the query: the one in the hand by `moved` (m), and
-    /// the scene's for `age` (s).
-    pub fn shift(&self, slacks: &mut Slacks, moved: f32, age: f64) {
+    /// the scene's by as much as they have been moved on here.
+    pub fn shift(&mut self, slacks: &mut Slacks, moved: f64) {
         let mut first = 0;
-        for (object, end) in self.objects.iter().zip(&slacks.ends) {
-            let own = if object.pushed.is_some() { object.moved } else { object.speed * age.max(0.0) };
-            let gone = moved + own as f32;
+        for (object, end) in self.objects.iter_mut().zip(&slacks.ends) {
+            let gone = (moved + std::mem::take(&mut object.moved)) as f32;
             for slack in &mut slacks.values[first..usize::from(*end)] {
                 *slack -= gone;
             }
@@ -255,13 +270,11 @@ impl ContactGeometry {
     pub fn advance(&mut self, dt: f64) {
         let dt = dt.min(MAX_OBJECT_MOTION - self.age).max(0.0);
         self.age += dt;
-        self.bound.room -= self.far_speed * dt;
+        let mut most = self.far_speed * dt;
         for object in &mut self.objects {
             if object.pushed.is_some() || object.speed == 0.0 {
-                self.bound.room -= object.moved;
                 continue;
             }
-            object.moved = object.speed * dt;
             let Pose { translation, rotation } = object.pose;
             let twist = object.motion.twist;
             let turn = DQuat::from_scaled_axis(twist.angular * dt);
@@ -269,8 +282,23 @@ impl ContactGeometry {
                 translation: turn * translation + twist.linear * dt,
                 rotation: (turn * rotation).normalize(),
             };
-            self.bound.room -= object.moved;
+            object.moved += object.speed * dt;
+            most = most.max(object.speed * dt);
         }
+        // Each object comes nearer by its own motion only.
+        self.bound.room -= most;
+    }
+
+    /// Bound on how far an object that the haptic loop moves goes in a step of `dt` (s), m.
+    pub fn ahead(&self, dt: f64) -> f64 {
+        let pushed = self.objects.iter().filter(|object| object.pushed.is_some());
+        pushed.fold(0.0, |most: f64, object| most.max(object.speed * dt))
+    }
+
+    /// Whether it has the object of an identifier, as one that the haptic loop moves.
+    pub fn moves(&self, id: SceneId) -> bool {
+        let is_it = |object: &NearObject| object.pushable.is_some_and(|pushable| pushable.id == id);
+        self.objects.iter().any(|object| object.pushed.is_some() && is_it(object))
     }
 }
 
@@ -280,9 +308,12 @@ impl NearObject {
     }
 
     fn assign(&mut self, found: &Self) {
-        let Self { place, surface, pose, motion, speed, moved, felt_elsewhere, pushable, pushed } = self;
-        if !Arc::ptr_eq(surface, &found.surface) {
+        let Self { place, surface, pose, motion, speed, moved, felt_elsewhere, pushable, pushed, on_loan } =
+            self;
+        if !Arc::ptr_eq(on_loan, &found.on_loan) {
+            // The surface first: what is on loan is kept until then.
             surface.clone_from(&found.surface);
+            on_loan.clone_from(&found.on_loan);
         }
         (*place, *pose, *motion, *speed) = (found.place, found.pose, found.motion, found.speed);
         (*moved, *felt_elsewhere) = (found.moved, found.felt_elsewhere);
@@ -341,14 +372,15 @@ impl StepContacts {
     /// Merges a contact with one that is the same. Returns whether there is one.
     #[inline(always)]
     fn merge(&mut self, arm: DVec3, normal: DVec3, gap: f64) -> bool {
-        let is_near = |along: f64| (along - arm.x).abs() < SAME_PLACE;
+        let same_place = SAME_PLACE * self.radius;
+        let is_near = |along: f64| (along - arm.x).abs() < same_place;
         for (along, contacts) in self.along.iter().zip(self.contacts.chunks_mut(LANES)) {
             // Without branches, several are compared at once.
             if !along.iter().fold(false, |any, along| any | is_near(*along)) {
                 continue;
             }
             for (known, _) in contacts.iter_mut().zip(along).filter(|(_, along)| is_near(**along)) {
-                if known.arm.distance_squared(arm) < SAME_PLACE * SAME_PLACE
+                if known.arm.distance_squared(arm) < same_place * same_place
                     && known.normal.dot(normal) > SAME_NORMAL
                 {
                     known.gap = known.gap.min(gap);
@@ -384,9 +416,10 @@ impl StepContacts {
         pushed.extend(before.pushing());
         // The order is mostly the same: the search goes on from the last one that was found.
         let mut next = 0;
+        let near_place = NEAR_PLACE * self.radius;
         for contact in &mut self.contacts {
             let near = |known: &UnilateralContact| {
-                known.arm.distance_squared(contact.arm) < NEAR_PLACE * NEAR_PLACE
+                known.arm.distance_squared(contact.arm) < near_place * near_place
                     && known.normal.dot(contact.normal) > NEAR_NORMAL
             };
             let is_same = |index: &usize| {
@@ -456,6 +489,7 @@ mod tests {
             felt_elsewhere: false,
             pushable: None,
             pushed: None,
+            on_loan: Arc::default(),
         };
         let mut made = ContactGeometry {
             probe: Arc::clone(&surface),
@@ -499,13 +533,18 @@ mod tests {
             for (copy, found) in copy.objects.iter().zip(&found.objects) {
                 assert!(Arc::ptr_eq(&copy.surface, &found.surface) && copy.pose == found.pose);
             }
-            // Each object's points lose its own motion.
+            // Each object's points lose its own motion, once, and the room the largest.
             let before = slacks.clone();
-            copy.shift(&mut slacks, 0.5, 0.1);
+            copy.bound.room = 1.0;
+            copy.advance(0.01);
+            copy.shift(&mut slacks, 0.5);
+            copy.shift(&mut slacks, 0.0);
             for ((after, before), point) in slacks.values.iter().zip(&before.values).zip(&copy.points) {
-                let gone = 0.5 + 0.1 * heights[usize::from(point.object)];
+                let gone = 0.5 + 0.01 * heights[usize::from(point.object)];
                 assert!((f64::from(before - after) - gone).abs() < 1e-6, "{before} to {after}");
             }
+            let most = 0.01 * heights.into_iter().fold(0.0, f64::max);
+            assert!((copy.bound.room - (1.0 - most)).abs() < 1e-12, "{}", copy.bound.room);
         }
     }
 

@@ -280,6 +280,7 @@ impl ContactLoop {
             felt_elsewhere,
             pushable,
             pushed: None,
+            on_loan: Arc::clone(&near.on_loan),
         })
     }
 }

@@ -38,7 +38,7 @@ use self::group::ContactGroup;
 use self::guard::Guard;
 pub(crate) use self::guarding::Draw;
 use self::guarding::Pairs;
-use self::in_scene::{InScene, objects_of};
+use self::in_scene::{InScene, OnLoan, objects_of};
 use self::lookahead::Lookahead;
 pub(crate) use self::search::ByLevels;
 use self::search::{RESERVED, choose};
@@ -113,6 +113,9 @@ pub struct ContactLoop {
     probe: Object,
     /// Scene objects by their places in the query.
     objects: Vec<Option<InScene>>,
+    /// Surfaces of removed objects that the haptic loop may still hold. Large ones take milliseconds to free,
+    /// which is done here once it has let go.
+    on_loan: Vec<OnLoan>,
     /// Places of the objects that move or can be moved.
     moving: Vec<usize>,
     /// Bound on the speed of any point of the moving objects near the body, m/s.
@@ -191,6 +194,7 @@ impl ContactLoop {
             proxy: Proxy::new(body, center_of_mass, radius, parameters.tolerance, recesses, proxy),
             probe: probe.clone(),
             objects,
+            on_loan: Vec::new(),
             moving: Vec::new(),
             fastest: 0.0,
             predicted: None,
@@ -236,6 +240,7 @@ impl ContactLoop {
     /// The same for an object that the hand draws on.
     pub(crate) fn step_drawn(&mut self, body: &BodyState, draw: &Draw, time: f64) -> ContactUpdate {
         self.interval = time - std::mem::replace(&mut self.time, time);
+        self.on_loan.retain_mut(OnLoan::is_held);
         self.make_edits();
         self.tune(self.interval);
         self.move_objects(body, time);

@@ -2,7 +2,6 @@
 //! found.
 
 use palpate_core::Pose;
-use palpate_core::glam::DVec3;
 use palpate_dynamics::{BodyState, ContactBlend, LinearContactModel, MotionBound, UnilateralContact};
 
 use super::joined::Joined;
@@ -16,10 +15,14 @@ use crate::telemetry::record::ModelData;
 /// m at the device. With more, the body feels planes of surfaces that are elsewhere.
 const MAX_STRAY: (f64, f64) = (0.5, 0.01);
 
-/// Distance within which a step's contacts are found: at least, m, and in lengths of the last step. With
-/// less, an object that speeds up is held back for a step.
-const MIN_REACH: f64 = 3e-5;
+/// Distance within which a step's contacts are found, in lengths of a step at the present speed, and
+/// acceleration for which it has room beyond that, m/s² at the device. With less, an object that speeds up is
+/// held back for a step.
 const REACH: f64 = 2.0;
+const ACCELERATION: f64 = 30.0;
+
+/// Shortest time for which the acceleration counts, s: several steps of a fast loop.
+const MIN_TIME: f64 = 1e-3;
 
 /// Age at which constraints of surfaces that stand still are overdue, s: the contact loop may have ended, and
 /// the scene may have changed since.
@@ -38,8 +41,8 @@ pub(super) struct BodyContacts {
     contacts: [StepContacts; 2],
     /// Which are those of this step.
     now: usize,
-    /// Centre of mass from which the contacts' arms are, m.
-    center: DVec3,
+    /// Pose at which the slacks are those of the points; the contacts' arms are from its centre of mass.
+    at: Pose,
     /// Data of the newest contact model, with the constraints of this step.
     pub found: ModelData,
     /// Largest depth (m) and number of its penalty contacts.
@@ -48,6 +51,8 @@ pub(super) struct BodyContacts {
     radius: f64,
     /// Distance that the body may move from where its contact model was found, m.
     max_stray: f64,
+    /// Lengths of the world for those at the device.
+    scale: f64,
 }
 
 impl BodyContacts {
@@ -60,11 +65,12 @@ impl BodyContacts {
             slacks: Slacks::default(),
             contacts: Default::default(),
             now: 0,
-            center: pose.translation,
+            at: pose,
             found: ModelData::none(pose),
             penalties: (0.0, 0),
             radius,
             max_stray,
+            scale,
         }
     }
 
@@ -105,20 +111,25 @@ impl BodyContacts {
             let still = MotionBound { from: state.pose, room: 0.0, step: 0.0, radius: self.radius };
             return if self.awaited { still } else { MotionBound::NONE };
         };
-        self.center = state.pose.translation;
+        let moved = displacement(&self.at, &state.pose, self.radius);
+        self.at = state.pose;
         pushed.move_objects(geometry);
-        geometry.advance(dt);
-        for other in joined.iter().filter(|other| !pushed.moves(other.id)) {
-            geometry.bound.room -= other.moved;
-        }
         let speed = state.twist.linear.length() + state.twist.angular.length() * self.radius;
-        let moved = dt * speed;
-        let motion = StepMotion { moved, reach: MIN_REACH + REACH * moved };
+        let reach = REACH * speed * dt + self.scale * ACCELERATION * dt.max(MIN_TIME).powi(2);
+        let motion = StepMotion { moved, reach, dt };
         geometry.contacts(&mut self.slacks, state, &motion, before, found);
+        geometry.advance(dt);
+        // What moves by itself has moved since the last step, and goes on in this one.
+        let (mut gone, mut ahead) = (0.0_f64, geometry.ahead(dt));
+        for other in joined.iter().filter(|other| !geometry.moves(other.id)) {
+            gone = gone.max(other.moved);
+            ahead = ahead.max(other.speed() * dt);
+        }
+        geometry.bound.room -= gone;
         let (depth, contacts) = self.penalties;
         self.found.depth = depth.max(found.depth);
         self.found.contacts = contacts + found.contacts.len() as u32;
-        MotionBound { step: found.room, ..geometry.bound }
+        MotionBound { step: found.room, room: geometry.bound.room - ahead, ..geometry.bound }
     }
 
     /// The penalty contacts and the unilateral ones of this step.
@@ -137,7 +148,7 @@ impl BodyContacts {
     /// objects for which it had no room.
     pub fn push(&self, pushed: &mut PushedObjects, reacting: &mut ReactionFeed) -> u64 {
         let Some(geometry) = &self.geometry else { return 0 };
-        pushed.push(&geometry.objects, &self.contacts[self.now].contacts, self.center, reacting)
+        pushed.push(&geometry.objects, &self.contacts[self.now].contacts, self.at.translation, reacting)
     }
 
     /// Writes the forces of the last step's constraints on the body: the step of `dt` (s) ended at a state.
@@ -170,10 +181,10 @@ impl BodyContacts {
         known.assign(found, &mut self.slacks);
         pushed.take(body, known);
         known.advance(age);
-        for other in joined.iter().filter(|other| !pushed.moves(other.id)) {
-            known.bound.room -= other.speed() * age;
-        }
-        known.shift(&mut self.slacks, known.bound.displacement(&state.pose) as f32, age);
+        let others = joined.iter().filter(|other| !known.moves(other.id));
+        known.bound.room -= others.fold(0.0, |gone: f64, other| gone.max(other.moved_in(age)));
+        known.shift(&mut self.slacks, known.bound.displacement(&state.pose));
+        self.at = state.pose;
     }
 
     /// Age (s) that the contacts found last may reach: those of surfaces that stand still hold as long as the
@@ -191,9 +202,13 @@ impl BodyContacts {
         if self.penalties.1 == 0 {
             return 0.0;
         }
-        let from = MotionBound { from: found.pose, radius: self.radius, ..MotionBound::NONE };
-        from.displacement(pose) / self.max_stray
+        displacement(&found.pose, pose, self.radius) / self.max_stray
     }
+}
+
+/// Displacement of any point within a radius (m) of the centre of mass from one pose to another, m.
+fn displacement(from: &Pose, to: &Pose, radius: f64) -> f64 {
+    MotionBound { from: *from, radius, ..MotionBound::NONE }.displacement(to)
 }
 
 #[cfg(test)]

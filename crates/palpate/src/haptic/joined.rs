@@ -1,14 +1,20 @@
 //! Two hands whose objects touch each other: one session finds the contacts between them and pushes the other
 //! one's object, in whose haptic loop the impulses act.
 
+use arrayvec::ArrayVec;
 use palpate_core::Twist;
 use palpate_core::glam::DVec3;
-use palpate_dynamics::BodyState;
+use palpate_dynamics::{BodyState, MotionBound};
 use rtrb::Consumer;
 
 use super::reactions::Reaction;
 use crate::scene::SceneId;
 use crate::scene::moving::HandMotion;
+
+/// Number of times whose motion is kept, and the least time from one to the next, s: longer than contacts
+/// are in use.
+const MAX_PAST: usize = 64;
+const PAST_STEP: f64 = 1e-3;
 
 /// An object in another hand.
 #[derive(Debug)]
@@ -21,22 +27,57 @@ pub(crate) struct Joined {
     /// Whether it has moved since the last step, and a bound on the motion of any point of it, m.
     pub is_new: bool,
     pub moved: f64,
+    /// Sum of these motions, m, at the time of the last step, s.
+    way: f64,
+    time: f64,
+    /// The same at earlier times, the oldest at `next` once all places are taken.
+    past: ArrayVec<(f64, f64), MAX_PAST>,
+    next: usize,
 }
 
 impl Joined {
     pub fn new(id: SceneId, mut motion: triple_buffer::Output<HandMotion>, radius: f64) -> Self {
         let now = *motion.read();
-        Self { id, motion, radius, now, is_new: false, moved: 0.0 }
+        Self {
+            id,
+            motion,
+            radius,
+            now,
+            is_new: false,
+            moved: 0.0,
+            way: 0.0,
+            time: f64::NEG_INFINITY,
+            past: ArrayVec::new(),
+            next: 0,
+        }
     }
 
-    /// Takes over its motion since the last step.
-    pub fn update(&mut self) {
-        let before = self.now.pose;
+    /// Takes over its motion since the last step, at a time (s).
+    pub fn update(&mut self, time: f64) {
+        let (before, radius) = (self.now.pose, self.radius);
         self.is_new = self.motion.update();
         self.now = *self.motion.output_buffer();
-        let pose = self.now.pose;
-        let turn = before.rotation_vector_to(&pose).length();
-        self.moved = before.translation.distance(pose.translation) + turn * self.radius;
+        self.moved = MotionBound { from: before, radius, ..MotionBound::NONE }.displacement(&self.now.pose);
+        self.way += self.moved;
+        self.time = time;
+        let newest = (self.next + self.past.len().max(1) - 1) % self.past.len().max(1);
+        if self.past.get(newest).is_some_and(|(last, _)| time - last < PAST_STEP) {
+            return;
+        }
+        if self.past.is_full() {
+            self.past[self.next] = (time, self.way);
+            self.next = (self.next + 1) % MAX_PAST;
+        } else {
+            self.past.push((time, self.way));
+        }
+    }
+
+    /// Bound on how far any point of it has moved in the last so many s, m: all its way, if that is too long
+    /// ago to be known.
+    pub fn moved_in(&self, age: f64) -> f64 {
+        let then = self.time - age;
+        let earlier = self.past.iter().filter(|(time, _)| *time <= then);
+        self.way - earlier.fold(0.0, |most: f64, (_, way)| most.max(*way))
     }
 
     pub fn motion(&self) -> &HandMotion {

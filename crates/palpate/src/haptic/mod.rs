@@ -166,7 +166,7 @@ impl<T: Tool> HapticLoop<T> {
             max_step: (MAX_STEP.0 * period).max(MAX_STEP.1),
             failed_steps: 0,
             bodies: bodies.collect(),
-            pushed: Box::default(),
+            pushed: Box::new(PushedObjects::new(scale)),
             hand: None,
             contacts_ended: false,
             outputs: Outputs::default(),
@@ -369,7 +369,7 @@ impl<T: Tool> HapticLoop<T> {
         if let Some((linear, angular)) = other_hands {
             self.tool.push(linear, angular);
         }
-        self.outputs.joined.iter_mut().for_each(Joined::update);
+        self.outputs.joined.iter_mut().for_each(|other| other.update(self.now));
         self.pushed.listen(&self.outputs.joined);
         self.pushed.begin(dt);
         let before = self.tool.body_state(0).twist;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_device::{DeviceError, DeviceState, HapticDevice};
-use palpate_dynamics::{ArticulatedState, Body, BodyState, Integrator, SemiImplicit};
+use palpate_dynamics::{ArticulatedState, Body, BodyState, Integrator, Recovery, SemiImplicit};
 use palpate_texture_pd::Backend;
 
 use crate::contact::monitor::ContactMonitor;
@@ -131,7 +131,7 @@ impl HapticRenderer {
             body,
             coupling: gains.coupling,
             state: BodyState::at_rest(pose),
-            recovery: 0.0,
+            recovery: Recovery::at_scale(settings.device.workspace_scale),
             center_of_mass,
             integrator: Arc::new(SemiImplicit),
         };
@@ -219,7 +219,7 @@ impl HapticRenderer<Hinged> {
             coupling: gains.coupling,
             grip,
             state: ArticulatedState::at_rest(pose, angle),
-            recovery: 0.0,
+            recovery: Recovery::at_scale(settings.device.workspace_scale),
             centers,
         };
         let prepared = Prepared {
@@ -351,9 +351,9 @@ impl<T: Tool> HapticRenderer<T> {
         if let Some(editor) = &self.settings_editor {
             return editor.clone();
         }
-        let specification = self.device.specification().clone();
+        let (scene, specification) = (self.scene_editor(), self.device.specification().clone());
         let by_fields = self.contacts.iter().any(ContactLoop::is_by_fields);
-        let editor = SettingsEditor::new(self.settings, self.grasped, specification, by_fields);
+        let editor = SettingsEditor::new(self.settings, self.grasped, specification, scene, by_fields);
         self.haptic.set_tunings(editor.add_haptic_loop());
         self.contacts.iter_mut().for_each(|contact| contact.set_tunings(editor.add_contact_loop()));
         self.settings_editor.insert(editor).clone()

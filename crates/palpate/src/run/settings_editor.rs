@@ -8,8 +8,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use palpate_device::Specification;
 use rtrb::{Consumer, Producer, RingBuffer};
 
+use crate::scene::editor::SceneEditor;
 use crate::settings::live::{ContactTuning, HapticTuning};
-use crate::settings::{DetailSettings, LiveSettings, Settings, SettingsError};
+use crate::settings::{DetailSettings, LiveSettings, Response, Settings, SettingsError};
 use crate::tool::gains::{Gains, Grasped};
 
 /// Capacity of the ring of changes to a loop. When it is full, changes are refused.
@@ -45,6 +46,8 @@ struct Edited {
     settings: Settings,
     grasped: Grasped,
     specification: Specification,
+    /// Editor of the session's scene, whose objects other settings may need more of.
+    scene: SceneEditor,
     /// Whether contacts are found in fields, which have no detail to leave out.
     by_fields: bool,
     haptic: Vec<Producer<HapticTuning>>,
@@ -56,10 +59,12 @@ impl SettingsEditor {
         settings: Settings,
         grasped: Grasped,
         specification: Specification,
+        scene: SceneEditor,
         by_fields: bool,
     ) -> Self {
         let (haptic, contact) = (Vec::new(), Vec::new());
-        Self(Arc::new(Mutex::new(Edited { settings, grasped, specification, by_fields, haptic, contact })))
+        let edited = Edited { settings, grasped, specification, scene, by_fields, haptic, contact };
+        Self(Arc::new(Mutex::new(edited)))
     }
 
     /// Adds the ring of changes to a haptic loop.
@@ -100,6 +105,10 @@ impl SettingsEditor {
         }
         if edited.haptic.iter().any(Producer::is_full) || edited.contact.iter().any(Producer::is_full) {
             return Err(SettingsEditError::Full);
+        }
+        if settings.contact.response == Response::Constraints {
+            // Now, since it takes longer than a contact step.
+            edited.scene.prepare_constraints();
         }
         let Gains { coupling, velocity_lags, slew, max_damping, contacts: parameters, .. } = gains;
         let DetailSettings { error, interpolation, query_budget } = settings.detail;

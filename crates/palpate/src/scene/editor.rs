@@ -4,7 +4,7 @@
 //! Memory of objects is allocated there or in the caller's thread, and freed there, never in the haptic loop,
 //! which meanwhile renders the contacts known so far.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use palpate_core::{Pose, Twist};
@@ -72,34 +72,51 @@ pub struct SceneEditor(Arc<Mutex<Edits>>);
 struct Edits {
     /// Ring of changes to each contact loop.
     waiting: Vec<Producer<Edit>>,
-    known: BTreeSet<SceneId>,
+    known: BTreeMap<SceneId, Object>,
     next: usize,
-    /// Options of the objects' fields, if contacts are found in fields.
-    fields: Option<FieldOptions>,
+    needs: Needs,
+    /// The objects in the hand, one for each loop.
+    probes: Vec<Object>,
     /// Time of the haptic loop.
     clock: Arc<SessionClock>,
 }
 
+/// What contact steps need of objects.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Needs {
+    /// Options of the objects' fields, if contacts are found in fields.
+    pub fields: Option<FieldOptions>,
+    /// Whether contacts are constraints, which need the linked features of the objects' surfaces.
+    pub features: bool,
+}
+
 impl SceneEditor {
-    /// Makes the editor of a scene with these objects, and the ring of changes to the first contact loop.
-    pub(crate) fn new(
-        objects: impl IntoIterator<Item = SceneId>,
-        fields: Option<FieldOptions>,
-    ) -> (Self, Consumer<Edit>) {
-        let known: BTreeSet<SceneId> = objects.into_iter().collect();
-        let next = known.last().map_or(0, |last| last.0 + 1);
-        let clock = Arc::default();
-        let edits = Edits { waiting: Vec::new(), known, next, fields, clock };
-        let editor = Self(Arc::new(Mutex::new(edits)));
-        let waiting = editor.add_loop();
-        (editor, waiting)
+    /// Makes the editor of a scene with these objects, which has no contact loop yet.
+    pub(crate) fn new(objects: impl IntoIterator<Item = (SceneId, Object)>, needs: Needs) -> Self {
+        let known: BTreeMap<SceneId, Object> = objects.into_iter().collect();
+        let next = known.last_key_value().map_or(0, |(last, _)| last.0 + 1);
+        let (waiting, probes, clock) = (Vec::new(), Vec::new(), Arc::default());
+        Self(Arc::new(Mutex::new(Edits { waiting, known, next, needs, probes, clock })))
     }
 
-    /// Adds the ring of changes to one more contact loop with the same scene.
-    pub(crate) fn add_loop(&self) -> Consumer<Edit> {
-        let (edits, waiting) = RingBuffer::new(MAX_WAITING);
-        self.edits().waiting.push(edits);
+    /// Adds the ring of changes to a contact loop with an object in the hand.
+    pub(crate) fn add_loop(&self, probe: &Object) -> Consumer<Edit> {
+        let (changes, waiting) = RingBuffer::new(MAX_WAITING);
+        let mut edits = self.edits();
+        edits.waiting.push(changes);
+        edits.probes.push(probe.clone());
         waiting
+    }
+
+    /// Prepares all objects for contacts as constraints, in the caller's thread.
+    pub(crate) fn prepare_constraints(&self) {
+        let objects: Vec<Object> = {
+            let mut edits = self.edits();
+            edits.needs.features = true;
+            edits.known.values().chain(&edits.probes).cloned().collect()
+        };
+        // The lock is free meanwhile.
+        objects.iter().for_each(|object| drop(object.features()));
     }
 
     /// Tells the time by the clock of a haptic loop from now on.
@@ -112,11 +129,11 @@ impl SceneEditor {
         SceneId(self.edits().next)
     }
 
-    /// Notes an object that was added or removed without an editor.
-    pub(crate) fn note(&self, id: SceneId, exists: bool) {
+    /// Notes an object that was added without an editor, or the removal of one.
+    pub(crate) fn note(&self, id: SceneId, added: Option<&Object>) {
         let mut edits = self.edits();
-        if exists {
-            edits.known.insert(id);
+        if let Some(object) = added {
+            edits.known.insert(id, object.clone());
             edits.next = edits.next.max(id.0 + 1);
         } else {
             edits.known.remove(&id);
@@ -125,9 +142,10 @@ impl SceneEditor {
 
     /// Adds an object, its mesh's frame at a pose in the world.
     ///
-    /// The object's hierarchy is prepared for queries in the caller's thread, and its field where contacts
-    /// are [found in fields](crate::settings::ContactSearch::Representatives). The contact loop then refuses
-    /// an object with an open surface.
+    /// All that contact steps need of the object is prepared in the caller's thread: its hierarchy, the
+    /// features of its surface for constraints, and its field where contacts are [found in
+    /// fields](crate::settings::ContactSearch::Representatives). The contact loop then refuses an object with
+    /// an open surface.
     ///
     /// # Errors
     /// If the pose is invalid, or too many changes wait.
@@ -139,7 +157,7 @@ impl SceneEditor {
         let id = SceneId(edits.next);
         edits.push(Edit::Add(id, object.clone(), pose))?;
         edits.next += 1;
-        edits.known.insert(id);
+        edits.known.insert(id, object.clone());
         Ok(id)
     }
 
@@ -203,23 +221,38 @@ impl SceneEditor {
     /// Prepares an object for queries in the caller's thread, so that the contact loop need not.
     fn prepare(&self, object: &Object) {
         object.shape();
-        let fields = self.edits().fields;
+        let (Needs { fields, features }, probes) = {
+            let edits = self.edits();
+            (edits.needs, edits.probes.clone())
+        };
+        if features {
+            drop(object.features());
+        }
+        // If the object can have no field or no texture, the contact loop refuses it.
         if let Some(fields) = fields {
-            // If the object can have no field, the contact loop refuses it.
             drop(object.field(fields));
+        }
+        for probe in &probes {
+            if object.texture().is_some() || probe.texture().is_some() {
+                drop((object.surface(), probe.surface()));
+            }
         }
     }
 
     /// Sends a change of an object that exists.
     fn change(&self, id: SceneId, edit: Edit) -> Result<(), EditError> {
         let mut edits = self.edits();
-        if !edits.known.contains(&id) {
+        if !edits.known.contains_key(&id) {
             return Err(EditError::Unknown(id));
         }
+        let replaced = if let Edit::Replace(_, object, _) = &edit { Some(object.clone()) } else { None };
         let removed = matches!(edit, Edit::Remove(_));
         edits.push(edit)?;
         if removed {
             edits.known.remove(&id);
+        }
+        if let Some(object) = replaced {
+            edits.known.insert(id, object);
         }
         Ok(())
     }

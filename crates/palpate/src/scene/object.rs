@@ -324,6 +324,11 @@ impl Object {
         self.features.get_or_init(made).clone()
     }
 
+    /// Linked features of the surface, if they are made by now.
+    pub(crate) fn known_features(&self) -> Option<Arc<FeatureMesh>> {
+        self.features.get().cloned().flatten()
+    }
+
     /// Distance field of the surface at full resolution. The first call with given options makes the field,
     /// which takes seconds, or loads it from the user's cache folder; the last few fields are kept.
     ///

@@ -13,8 +13,8 @@ use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::{
     ArticulatedBody, ArticulatedFrame, ArticulatedState, Body, BodyState, ConstrainedToolStep,
-    GripperCoupling, Integrator as _, Joint, JointLimits, PortAxes, PortLimits, PushedBody, Sampling,
-    SemiImplicit, VirtualCoupling, articulated_step, constrained_articulated_step,
+    GripperCoupling, Integrator as _, Joint, JointLimits, PortAxes, PortLimits, PushedBody, Recovery,
+    Sampling, SemiImplicit, VirtualCoupling, articulated_step, constrained_articulated_step,
 };
 
 use super::error::ToolError;
@@ -123,8 +123,7 @@ pub struct Hinged {
     pub(crate) coupling: VirtualCoupling,
     pub(crate) grip: GripperCoupling,
     pub(crate) state: ArticulatedState,
-    /// Recovery velocity of the last step, m/s.
-    pub(crate) recovery: f64,
+    pub(crate) recovery: Recovery,
     /// Centres of mass in the meshes' frames, m.
     pub(crate) centers: [DVec3; 2],
 }
@@ -177,13 +176,13 @@ impl Moves for Hinged {
                     contacts,
                     pushed,
                     &bounds,
-                    self.recovery,
+                    &self.recovery,
                     dt,
                 )
             }
             _ => articulated_step(&frame, &self.state, dt).into(),
         };
-        (self.state, self.recovery) = (step.state, recovery);
+        (self.state, self.recovery.speed) = (step.state, recovery);
         ToolStep {
             status: step.status,
             waited: held_back,

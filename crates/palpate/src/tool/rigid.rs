@@ -5,7 +5,8 @@ use std::sync::Arc;
 use palpate_core::Wrench;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::{
-    Body, BodyState, ConstrainedStep, Frame, Integrator, PushedBody, VirtualCoupling, constrained_step,
+    Body, BodyState, ConstrainedStep, Frame, Integrator, PushedBody, Recovery, VirtualCoupling,
+    constrained_step,
 };
 
 use super::{BodyLoads, Hand, Moves, NO_CONTACTS, Tool, ToolStep};
@@ -17,8 +18,7 @@ pub struct Rigid {
     pub(crate) body: Body,
     pub(crate) coupling: VirtualCoupling,
     pub(crate) state: BodyState,
-    /// Recovery velocity of the last step, m/s.
-    pub(crate) recovery: f64,
+    pub(crate) recovery: Recovery,
     /// Centre of mass in the mesh's frame, m.
     pub(crate) center_of_mass: DVec3,
     pub(crate) integrator: Arc<dyn Integrator>,
@@ -61,11 +61,11 @@ impl Moves for Rigid {
         let ConstrainedStep { step, held_back, recovery } = match load {
             Some(load) if load.constrained => {
                 let BodyLoads { unilateral, bound, .. } = load;
-                constrained_step(&frame, &self.state, unilateral, pushed, bound, self.recovery, dt)
+                constrained_step(&frame, &self.state, unilateral, pushed, bound, &self.recovery, dt)
             }
             _ => self.integrator.step(&frame, &self.state, dt).into(),
         };
-        (self.state, self.recovery) = (step.state, recovery);
+        (self.state, self.recovery.speed) = (step.state, recovery);
         ToolStep {
             status: step.status,
             waited: held_back,

@@ -121,7 +121,7 @@ impl Session {
                 contacts,
                 pushed,
                 &MotionBound::NONE,
-                self.rig.recovery,
+                &self.rig.recovered(),
                 DT,
             );
             assert!(step_taken.step.status.failure.is_none());
@@ -242,7 +242,7 @@ fn a_step_moves_both_bodies() {
             &mut contacts,
             std::slice::from_ref(&pushed),
             &MotionBound::NONE,
-            0.0,
+            &Recovery::at_scale(1.0),
             DT,
         );
         assert!(!found.step.status.unconverged, "seed {seed}, case {case}");

@@ -98,7 +98,12 @@ impl Rig {
 
     /// A step of `dt` (s).
     fn step_of(&self, dt: f64, contacts: &mut [UnilateralContact]) -> ConstrainedStep {
-        constrained_step(&self.frame(), &self.state, contacts, &[], &MotionBound::NONE, self.recovery, dt)
+        let recovery = self.recovered();
+        constrained_step(&self.frame(), &self.state, contacts, &[], &MotionBound::NONE, &recovery, dt)
+    }
+
+    fn recovered(&self) -> Recovery {
+        Recovery { speed: self.recovery, scale: 1.0 }
     }
 
     /// Matrix and right-hand side of the step without contacts.

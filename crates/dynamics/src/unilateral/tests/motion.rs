@@ -186,7 +186,8 @@ fn no_point_moves_beyond_the_bound() {
             radius,
         };
         let mut contacts = random_contacts(&mut rng, 4, 0.3);
-        let found = constrained_step(&rig.frame(), &rig.state, &mut contacts, &[], &bound, 0.0, DT);
+        let found =
+            constrained_step(&rig.frame(), &rig.state, &mut contacts, &[], &bound, &rig.recovered(), DT);
         let next = found.step.state.pose;
         let was_beyond = bound.displacement(&rig.state.pose) > bound.room;
         beyond += u32::from(was_beyond);

@@ -1,0 +1,141 @@
+use std::sync::Arc;
+
+use palpate_core::TriMesh;
+use palpate_dynamics::{Body, ContactParameters, Friction};
+
+use super::*;
+use crate::contact::ContactUpdate;
+use crate::scene::Placed;
+use crate::settings::{ContactSettings, SearchSettings, Settings};
+
+const DOWN: Pose = Pose::from_translation(DVec3::new(0.0, 0.0, -0.0101));
+
+/// A box of 1 cm.
+fn block(name: &str) -> Object {
+    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
+    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    let mesh = TriMesh::new((0..8).map(|i| corner(i) * 0.01).collect(), triangles).expect("a mesh");
+    Object::from_mesh(name, &mesh).expect("a box")
+}
+
+/// A sheet, whose surface is open.
+fn sheet() -> Object {
+    let corners = vec![DVec3::ZERO, DVec3::X * 0.01, DVec3::Y * 0.01];
+    let mesh = TriMesh::new(corners, vec![[0, 1, 2]]).expect("a mesh");
+    Object::from_mesh("sheet", &mesh).expect("a sheet")
+}
+
+/// A contact loop of a box on a box.
+fn on_a_block(search: ContactSearch, response: Response) -> ContactLoop {
+    let settings = Settings {
+        search: SearchSettings { method: search, ..SearchSettings::default() },
+        contact: ContactSettings { response, ..ContactSettings::default() },
+        ..Settings::default()
+    };
+    let probe = block("probe");
+    let body = Body::new(0.1, probe.clod.source.unit_inertia * 0.1).expect("a body");
+    let parameters =
+        ContactParameters { stiffness: 1000.0, damping: 1.0, tolerance: 2e-4, friction: Friction::NONE };
+    let scene = [Placed { object: block("floor"), pose: DOWN }];
+    let center = probe.clod.source.center_of_mass;
+    ContactLoop::new(&probe, body, center, &scene, parameters, &settings).expect("a loop")
+}
+
+/// A step at a time (s) with the probe where it begins.
+fn step(contact: &mut ContactLoop, time: f64) -> ContactUpdate {
+    contact.step(&BodyState::at_rest(Pose::IDENTITY), time)
+}
+
+fn near(update: &ContactUpdate) -> usize {
+    update.geometry.as_ref().map_or(0, |geometry| geometry.objects.len())
+}
+
+/// The new object was put in after the old one was deleted, so that nothing was left of both.
+#[test]
+fn a_replacement_that_is_refused_leaves_the_object_as_it_was() {
+    let mut contact = on_a_block(ContactSearch::Representatives, Response::Constraints);
+    let mut editor = contact.editor();
+    let floor = SceneId(0);
+    let body = DynamicBody {
+        mass: 1e3,
+        inertia: palpate_core::glam::DMat3::from_diagonal(DVec3::splat(1.0)),
+        center_of_mass: DVec3::ZERO,
+        gravity: DVec3::ZERO,
+        period: 1e-3,
+    };
+    editor.set_dynamics(floor, Some(body)).expect("room");
+    assert_eq!(near(&step(&mut contact, 0.0)), 1);
+    editor.replace(floor, &sheet(), DOWN).expect("room");
+    assert_eq!(near(&step(&mut contact, 1e-3)), 1, "the floor is gone");
+    assert_eq!(contact.telemetry().events.edit_refused, 1);
+    let kept = contact.objects.iter().flatten().next().expect("the floor");
+    assert_eq!((kept.id, kept.object.name.as_str()), (floor, "floor"));
+    let is_moved = kept.moving.as_ref().is_some_and(|moving| moving.0.center_of_mass().is_some());
+    assert!(is_moved && contact.moving.len() == 1, "its dynamics are kept");
+    // One that is not refused takes its place, with its dynamics; and it can still be moved and removed.
+    editor.replace(floor, &block("other"), DOWN).expect("room");
+    assert_eq!(near(&step(&mut contact, 2e-3)), 1);
+    let kept = contact.objects.iter().flatten().next().expect("the other one");
+    let is_moved = kept.moving.as_ref().is_some_and(|moving| moving.0.center_of_mass().is_some());
+    assert!(kept.object.name == "other" && is_moved && contact.moving.len() == 1);
+    editor.remove(floor).expect("known");
+    assert_eq!((near(&step(&mut contact, 3e-3)), contact.moving.len()), (0, 0));
+    // An object that is refused leaves nothing behind.
+    editor.add(&sheet(), DOWN).expect("room");
+    assert_eq!(near(&step(&mut contact, 4e-3)), 0);
+    assert_eq!(contact.objects.iter().flatten().count(), 0);
+    assert_eq!(contact.telemetry().events.edit_refused, 2);
+}
+
+/// The features of a large surface take longer than many contact steps.
+#[test]
+fn contact_steps_find_added_objects_prepared() {
+    for search in [ContactSearch::Levels, ContactSearch::Representatives] {
+        let mut contact = on_a_block(search, Response::Constraints);
+        let mut editor = contact.editor();
+        let (added, replaced) = (block("added"), block("replaced"));
+        assert!(added.known_features().is_none(), "nothing is made before it is needed");
+        editor.add(&added, Pose::from_translation(DVec3::Z * 0.0101)).expect("room");
+        editor.replace(SceneId(0), &replaced, DOWN).expect("room");
+        let made = [&added, &replaced].map(|object| object.known_features().expect("made by the editor"));
+        let update = step(&mut contact, 0.0);
+        let found: Vec<_> = update.geometry.iter().flat_map(|geometry| &geometry.objects).collect();
+        assert_eq!(found.len(), 2);
+        assert!(found.iter().all(|near| made.iter().any(|made| Arc::ptr_eq(made, &near.surface))));
+    }
+    // Penalties need none, until the settings ask for constraints.
+    let mut contact = on_a_block(ContactSearch::Levels, Response::Penalty);
+    let mut editor = contact.editor();
+    let added = block("added");
+    editor.add(&added, DOWN).expect("room");
+    assert!(added.known_features().is_none());
+    editor.prepare_constraints();
+    let of_floor = contact.objects.iter().flatten().next().and_then(|floor| floor.object.known_features());
+    assert!(added.known_features().is_some() && of_floor.is_some());
+}
+
+/// What the haptic loop holds is freed here, after it has let go.
+#[test]
+fn surfaces_of_removed_objects_are_kept_until_the_haptic_loop_lets_go() {
+    let mut contact = on_a_block(ContactSearch::Levels, Response::Constraints);
+    let mut editor = contact.editor();
+    let update = step(&mut contact, 0.0);
+    let surface = |update: &ContactUpdate| {
+        let near = update.geometry.as_ref().and_then(|geometry| geometry.objects.first());
+        near.map(|near| Arc::downgrade(&near.surface))
+    };
+    let surface = surface(&update).expect("the floor is near");
+    // As the haptic loop does, which holds what it has copied.
+    let held = update.geometry.clone();
+    drop(update);
+    editor.remove(SceneId(0)).expect("known");
+    for count in 1..=3 {
+        drop(step(&mut contact, 1e-3 * f64::from(count)));
+        assert_eq!((surface.strong_count(), contact.on_loan.len()), (2, 1), "held by the two loops");
+    }
+    drop(held);
+    assert_eq!(surface.strong_count(), 1, "the haptic loop was not the last one");
+    drop(step(&mut contact, 1.0));
+    assert_eq!((surface.strong_count(), contact.on_loan.len()), (0, 0));
+}
