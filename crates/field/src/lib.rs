@@ -17,6 +17,7 @@ mod selection;
 mod selector;
 mod side;
 mod slack;
+mod sparse;
 mod steady;
 mod surface_points;
 

@@ -5,6 +5,7 @@ use palpate_core::glam::{DMat3, DVec3};
 use wide::{f32x4, i32x4};
 
 use crate::samples::SurfaceSamples;
+use crate::sparse::Pages;
 
 /// Number of steps in a tolerance: motion is counted in whole steps.
 const STEPS_PER_TOLERANCE: f64 = 256.0;
@@ -14,7 +15,7 @@ const MAX_VALIDITY: u32 = 1 << 20;
 /// bits into 32 bits.
 const MAX_CLOCK: u32 = 1 << 27;
 /// Largest number of regions of a body's surface, each with its own clock.
-pub const REGIONS: usize = 256;
+const REGIONS: usize = 256;
 /// Rounding of positions in single precision, as a fraction of them.
 const ROUNDING: f64 = 1e-6;
 /// Largest distance of the centre of a sphere around part of a region from the region's centre, in radii of
@@ -260,9 +261,9 @@ pub struct Known {
 #[derive(Clone, Debug)]
 pub struct Level {
     /// Readings of samples, four by four: of the two that are read first, and of the other two.
-    pub fours: Vec<[LastRead; 2]>,
+    pub fours: Pages<[LastRead; 2]>,
     /// Readings of spheres, four by four.
-    pub spheres: Vec<Spheres>,
+    pub spheres: Pages<Spheres>,
 }
 
 /// Last reading of two samples: in the lower four bits, a mask among four of those in contact; in the others,
@@ -353,8 +354,8 @@ impl Spheres {
 impl Known {
     pub fn new(samples: &SurfaceSamples) -> Self {
         let of = |(index, level): (usize, &crate::samples::Level)| Level {
-            fours: vec![[LastRead::UNKNOWN; 2]; samples.fours(index)],
-            spheres: vec![Spheres::UNKNOWN; level.spheres.len()],
+            fours: Pages::new(samples.fours(index), [LastRead::UNKNOWN; 2]),
+            spheres: Pages::new(level.spheres.len(), Spheres::UNKNOWN),
         };
         Self { levels: samples.levels.iter().enumerate().map(of).collect() }
     }
@@ -362,8 +363,8 @@ impl Known {
     /// Forgets all readings.
     pub fn forget(&mut self) {
         for level in &mut self.levels {
-            level.fours.fill([LastRead::UNKNOWN; 2]);
-            level.spheres.fill(Spheres::UNKNOWN);
+            level.fours.forget();
+            level.spheres.forget();
         }
     }
 
@@ -375,10 +376,7 @@ impl Known {
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        let of = |level: &Level| {
-            level.fours.capacity() * size_of::<[LastRead; 2]>()
-                + level.spheres.capacity() * size_of::<Spheres>()
-        };
+        let of = |level: &Level| level.fours.bytes() + level.spheres.bytes();
         self.levels.iter().map(of).sum()
     }
 }
