@@ -65,7 +65,7 @@ fn first_lanes(level: usize, four: usize) -> u32 {
     MASKS[(hash >> 30) as usize]
 }
 
-/// Points to be read, in the body's frame, m: four at a time, and the rest.
+/// Points to be read, about the centre of the body's samples, m: four at a time, and the rest.
 #[derive(Clone, Debug)]
 struct Queue {
     fours: Vec<[f32x4; 3]>,

@@ -20,9 +20,10 @@ mod slack;
 mod sparse;
 mod steady;
 mod surface_points;
+mod tree;
 
 /// Revision of the bodies, raised whenever the same mesh and options give another [`FieldBody`].
-pub const REVISION: u32 = 3;
+pub const REVISION: u32 = 4;
 
 pub use area_law::{AreaContact, AreaLaw};
 pub use body::{FieldBody, FieldOptions};
@@ -33,3 +34,4 @@ pub use format::FormatError;
 pub use query::{FieldOutcome, FieldQuery, FieldSettings};
 pub use samples::SurfaceSamples;
 pub use surface_points::{SurfacePart, SurfacePoint};
+pub use tree::SurfaceTree;

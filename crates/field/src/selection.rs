@@ -65,12 +65,13 @@ impl Selection {
 
     /// Largest motion, m, of any point that was near the other body at selection, and of any other point.
     pub fn moved(&self, samples: &SurfaceSamples, level: usize, change: &Change, tolerance: f64) -> [f64; 2] {
+        let center = samples.center();
         if level == 0 {
-            let [_, most] = change.largest(std::iter::empty(), tolerance);
+            let [_, most] = change.largest(center, std::iter::empty(), tolerance);
             return [most; 2];
         }
         let spheres = &samples.levels[level].spheres;
-        change.largest(self.near.iter().map(|four| &spheres[*four as usize]), tolerance)
+        change.largest(center, self.near.iter().map(|four| &spheres[*four as usize]), tolerance)
     }
 
     /// Bytes of memory held.

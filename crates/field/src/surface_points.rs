@@ -10,6 +10,7 @@ use crate::body::FieldBody;
 use crate::query::FieldQuery;
 use crate::samples::Sample;
 use crate::selection::SelectedFour;
+use crate::tree::Piece;
 
 /// A sample of one body's surface near the other body.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,7 +18,7 @@ pub struct SurfacePoint {
     /// Its number among the samples of its own body.
     pub sample: usize,
     /// Its position in the frame of its own body's mesh, m.
-    pub point: Vec3,
+    pub point: DVec3,
     /// Whether it is on the probe's surface, or on the scene object's.
     pub is_probe: bool,
     /// Its signed distance from the other body at the query's pose, approximately, m.
@@ -35,7 +36,7 @@ pub struct SurfacePart {
     pub center: DVec3,
     /// Radius of the sphere, m.
     pub radius: f64,
-    /// Signed distance of the centre from the other body; a lower bound beyond the band, m.
+    /// Lower bound on the signed distance of the centre from the other body, m.
     pub distance: f64,
 }
 
@@ -60,7 +61,7 @@ impl FieldQuery {
                     let Some(&sample) = samples.get(lane) else { return };
                     to(&SurfacePoint {
                         sample: body.samples.number(sample),
-                        point: body.samples.point(sample),
+                        point: body.samples.center() + body.samples.point(sample).as_dvec3(),
                         is_probe: touch.is_probe,
                         distance: (1.0 - f64::from(touch.reach)) * tolerance,
                         on_probe: touch.point,
@@ -91,24 +92,9 @@ impl FieldBody {
         })
     }
 
-    /// Four parts of this body's surface, with their distances from another body at a relative pose; the
-    /// radius of one that is missing is negative.
-    fn four_parts(&self, level: usize, four: usize, other: &Self, to_other: &Pose) -> [SurfacePart; 4] {
-        // The surface between two of the finest samples is less than their spacing from one of them.
-        let gap = (f64::from(self.samples.area)).sqrt() * MAX_GAP;
-        let [x, y, z, radius] = self.samples.levels[level].spheres[four].map(f32x4::to_array);
-        let centers: [DVec3; 4] = std::array::from_fn(|lane| Vec3::new(x[lane], y[lane], z[lane]).as_dvec3());
-        let distances = other.distances(centers.map(|center| to_other.transform_point(center)));
-        std::array::from_fn(|lane| SurfacePart {
-            center: centers[lane],
-            radius: f64::from(radius[lane]) + gap,
-            distance: distances[lane].0,
-        })
-    }
-
     /// Passes on parts of this body's surface, with radii of at most about `size` (m), that make up all of it
     /// that is from a least to a largest distance (m) from another body at a relative pose. Returns `false`
-    /// if there are more than `most`.
+    /// if there are more than `most`. The least distance has to be within the other body's band.
     pub fn parts_within(
         &self,
         other: &Self,
@@ -118,80 +104,47 @@ impl FieldBody {
         mut to: impl FnMut(&SurfacePart),
     ) -> bool {
         let mut count = 0;
-        let mut stack = ArrayVec::<(usize, usize), 128>::new();
-        stack.push((self.samples.levels.len().saturating_sub(1), 0));
-        while let Some((level, four)) = stack.pop() {
-            for (lane, part) in self.four_parts(level, four, other, to_other).into_iter().enumerate() {
-                let SurfacePart { radius, distance, .. } = part;
-                if radius < 0.0 || distance - radius > largest || distance + radius < least {
-                    continue;
-                }
-                let below = 4 * four + lane;
-                if radius > size && level > 1 && below < self.samples.levels[level - 1].spheres.len() {
-                    if stack.try_push((level - 1, below)).is_err() {
-                        return false;
-                    }
-                    continue;
-                }
-                count += 1;
-                if count > most {
+        let mut stack = ArrayVec::<Piece, 128>::new();
+        stack.push(self.tree.whole());
+        while let Some(piece) = stack.pop() {
+            let (center, radius) = self.tree.sphere(&piece);
+            let [low, high] = other.field.bounds(to_other.transform_point(center));
+            if low - radius > largest || high + radius < least {
+                continue;
+            }
+            if let Some(halves) = self.tree.halves(&piece).filter(|_| radius > size) {
+                if halves.into_iter().any(|half| stack.try_push(half).is_err()) {
                     return false;
                 }
-                to(&part);
+                continue;
             }
+            count += 1;
+            if count > most {
+                return false;
+            }
+            to(&SurfacePart { center, radius, distance: low });
         }
         true
     }
 
-    /// A lower bound on the distance between this body and another at a relative pose (m), from spheres
-    /// around parts of this one's surface; at most `enough` (m), and 0 if the surfaces may touch. Bounds
-    /// below `least` (m) are not as large as they could be.
+    /// A lower bound on the distance between this body and another at a relative pose (m): at most `enough`
+    /// (m), and 0 if the bodies may touch, or one may be inside the other. How close it is to the distance,
+    /// and what is said of distances below `least` (m): see [`SurfaceTree`](crate::SurfaceTree::clearance).
     pub fn clearance(&self, other: &Self, to_other: &Pose, (least, enough): (f64, f64)) -> f64 {
-        let (needed, mut least) = (least, enough);
-        let mut read = 0;
-        let mut stack = ArrayVec::<(f64, usize, usize), 128>::new();
-        stack.push((f64::NEG_INFINITY, self.samples.levels.len().saturating_sub(1), 0));
-        while let Some((bound, level, four)) = stack.pop() {
-            if bound >= least {
-                continue;
-            }
-            if least < needed {
-                // Any part that was left out may be nearer still.
-                return 0.0;
-            }
-            read += 1;
-            let mut children = ArrayVec::<(f64, usize, usize), 4>::new();
-            for (lane, part) in self.four_parts(level, four, other, to_other).into_iter().enumerate() {
-                let bound = part.distance - part.radius;
-                if part.radius < 0.0 || bound >= least {
-                    continue;
-                }
-                let below = 4 * four + lane;
-                let refined = level > 1
-                    && read < MAX_READ
-                    && below < self.samples.levels[level - 1].spheres.len()
-                    && stack.len() + children.len() < stack.capacity();
-                if refined {
-                    children.push((bound, level - 1, below));
-                } else {
-                    least = bound;
-                }
-            }
-            // The nearest is popped first.
-            children.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
-            stack.extend(children);
-        }
-        least.max(0.0)
+        let apart = self.tree.clearance(&other.tree, to_other, (least, enough));
+        let holds = |inner: &Self, outer: &Self, to_outer: &Pose| {
+            inner.tree.parts().any(|point| {
+                // Every point is further than that from the surface: one that is not known to be less deep is
+                // inside.
+                outer.field.bounds(to_outer.transform_point(point))[0] <= -apart
+            })
+        };
+        let is_inside = apart > 0.0
+            && self.tree.may_contain(&other.tree, to_other)
+            && (holds(self, other, to_other) || holds(other, self, &to_other.inverse()));
+        if is_inside { 0.0 } else { apart }
     }
 }
-
-/// Largest distance of a point of the surface from the finest samples, in their spacings. With less, a bound
-/// on clearance could be too large.
-const MAX_GAP: f64 = 1.5;
-
-/// Number of readings of four spheres after which a clearance is not refined further. With more, it costs as
-/// much as a query of contacts.
-const MAX_READ: usize = 2048;
 
 #[cfg(test)]
 mod tests;

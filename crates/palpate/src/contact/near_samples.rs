@@ -79,7 +79,7 @@ impl NearSamples {
         query.surface_points((probe.0, probe.2), (scene.0, scene.2), |sample| {
             let (places, surface) =
                 if sample.is_probe { (&mut *probe_places, probe.1) } else { (&mut *scene_places, scene.1) };
-            if let Some(place) = places.of(sample.sample, sample.point.as_dvec3(), surface, long) {
+            if let Some(place) = places.of(sample.sample, sample.point, surface, long) {
                 to(sample, place);
             }
         });
