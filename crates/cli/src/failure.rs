@@ -96,6 +96,7 @@ impl From<palpate::representative::FieldError> for Failure {
         let remedy = match error {
             palpate::representative::FieldError::Open { .. } => "; close it, or leave --representative out",
             palpate::representative::FieldError::Error { .. } => " (--representative)",
+            palpate::representative::FieldError::FarFromOrigin { .. } => "",
         };
         Self::Message(format!("{error}{remedy}"))
     }

@@ -3,9 +3,7 @@
 use glam::Vec3A;
 
 use crate::samples::Sample;
-
-/// Index of no cell.
-const NONE: u32 = u32::MAX;
+use crate::sparse::Index;
 
 /// A sample in contact, in the probe's frame from its centre, m.
 #[derive(Clone, Copy, Debug)]
@@ -83,15 +81,15 @@ const PARTS: u32 = 4;
 /// The cells that hold contacts.
 #[derive(Clone, Debug)]
 pub struct Cells {
-    /// Indices of cells, by cube and direction.
-    table: Vec<u32>,
+    /// Places in `cells`, by cube and direction.
+    slots: Index,
     cells: Vec<Cell>,
     contacts: usize,
     /// Cubes along each axis, and parts of cubes in a unit of length (1/m).
     across: u32,
     per_unit: f32,
-    /// Indices in `deepest`, by part.
-    parts: Vec<u32>,
+    /// Places in `deepest`, by part.
+    parts: Index,
     /// The deepest sample of each part in which bodies penetrate, with the part.
     deepest: Vec<(u32, ContactSample)>,
 }
@@ -99,25 +97,22 @@ pub struct Cells {
 impl Cells {
     /// No cells, for `across` cubes along each axis, with an edge (m).
     pub fn new(across: u32, edge: f64) -> Self {
-        let cubes = across.pow(3) as usize;
         Self {
-            table: vec![NONE; 6 * cubes],
-            cells: Vec::with_capacity(1024),
+            slots: Index::default(),
+            cells: Vec::new(),
             contacts: 0,
             across,
             per_unit: (f64::from(PARTS) / edge) as f32,
-            parts: vec![NONE; cubes * PARTS.pow(3) as usize],
-            deepest: Vec::with_capacity(4096),
+            parts: Index::default(),
+            deepest: Vec::new(),
         }
     }
 
     pub fn clear(&mut self) {
-        for cell in self.cells.drain(..) {
-            self.table[cell.slot as usize] = NONE;
-        }
-        for (part, _) in self.deepest.drain(..) {
-            self.parts[part as usize] = NONE;
-        }
+        self.slots.clear();
+        self.cells.clear();
+        self.parts.clear();
+        self.deepest.clear();
         self.contacts = 0;
     }
 
@@ -129,14 +124,11 @@ impl Cells {
         // Casts saturate.
         let [x, y, z] = at.map(|at| (at as u32).min(across - 1));
         let part = (z * across + y) * across + x;
-        let entry = &mut self.parts[part as usize];
-        match self.deepest.get_mut(*entry as usize) {
+        let place = self.parts.get_or_insert(part, self.deepest.len());
+        match self.deepest.get_mut(place) {
             Some((_, deepest)) if touch.reach > deepest.reach => *deepest = *touch,
             Some(_) => {}
-            None => {
-                *entry = self.deepest.len() as u32;
-                self.deepest.push((part, *touch));
-            }
+            None => self.deepest.push((part, *touch)),
         }
     }
 
@@ -155,9 +147,8 @@ impl Cells {
         };
         let direction = 2 * axis as u32 + u32::from(touch.normal[axis] < 0.0);
         let slot = touch.cube * 6 + direction;
-        let entry = &mut self.table[slot as usize];
-        if *entry == NONE {
-            *entry = self.cells.len() as u32;
+        let place = self.slots.get_or_insert(slot, self.cells.len());
+        if place == self.cells.len() {
             self.cells.push(Cell {
                 slot,
                 pressure: 0.0,
@@ -169,7 +160,7 @@ impl Cells {
                 deepest: *touch,
             });
         }
-        let cell = &mut self.cells[*entry as usize];
+        let cell = &mut self.cells[place];
         let whole = touch.area * touch.reach;
         let pressure = part * whole;
         cell.pressure += pressure;
@@ -195,16 +186,14 @@ impl Cells {
     }
 
     /// Keeps only the `most` deepest of the deepest samples of parts; returns them, the `first` deepest
-    /// before the others.
+    /// before the others. No more samples can be added then.
     pub fn keep_deepest(&mut self, most: usize, first: usize) -> impl Iterator<Item = &mut ContactSample> {
         let order = |a: &(u32, ContactSample), b: &(u32, ContactSample)| {
             b.1.reach.total_cmp(&a.1.reach).then_with(|| a.0.cmp(&b.0))
         };
         if most < self.deepest.len() {
             self.deepest.select_nth_unstable_by(most, order);
-            for (part, _) in self.deepest.drain(most..) {
-                self.parts[part as usize] = NONE;
-            }
+            self.deepest.truncate(most);
         }
         if first < self.deepest.len() {
             self.deepest.select_nth_unstable_by(first, order);
@@ -219,9 +208,7 @@ impl Cells {
         while self.cells.len() > most && edge < across {
             edge *= 2;
             let large = across.div_ceil(edge);
-            for cell in &self.cells {
-                self.table[cell.slot as usize] = NONE;
-            }
+            self.slots.clear();
             let mut kept = 0;
             for index in 0..self.cells.len() {
                 let cell = self.cells[index];
@@ -231,11 +218,10 @@ impl Cells {
                 let [x, y, z] =
                     [cube % across, cube / across % across, cube / (across * across)].map(|i| i / 2);
                 let slot = ((z * large + y) * large + x) * 6 + direction;
-                let entry = &mut self.table[slot as usize];
-                if (*entry as usize) < kept && self.cells[*entry as usize].slot == slot {
-                    self.cells[*entry as usize].join(&cell);
+                let place = self.slots.get_or_insert(slot, kept);
+                if place < kept {
+                    self.cells[place].join(&cell);
                 } else {
-                    *entry = kept as u32;
                     self.cells[kept] = Cell { slot, ..cell };
                     kept += 1;
                 }
@@ -256,7 +242,8 @@ impl Cells {
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        (self.table.capacity() + self.parts.capacity()) * size_of::<u32>()
+        self.slots.bytes()
+            + self.parts.bytes()
             + self.cells.capacity() * size_of::<Cell>()
             + self.deepest.capacity() * size_of::<(u32, ContactSample)>()
     }

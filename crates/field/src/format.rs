@@ -6,8 +6,10 @@
 //! | body | centre and radius of the bounding sphere, error (5 f64) |
 //! | field | origin, lattice constant, band, step (6 f64), bricks along each axis (3 u32), samples (u32) |
 //! | | index of each brick's samples (u32), whether it is inside (u8); coarse squares (f32); samples (i16) |
-//! | surface | area of a sample (f64), samples (u32), levels (u32); the finest (i8) |
+//! | samples | centre (3 f64), area of a sample (f64), samples (u32), levels (u32); the finest (i8) |
 //! | | for each level above: number of fours (u32), samples (12 f32 each), spheres (16 f32 each) |
+//! | tree | centre (3 f64), nodes (u32), triangles (u32), connected parts (u32) |
+//! | | each node: centre, axes, half edges (15 f32), link (u32); corners (9 f32); points of the parts (3 f32) |
 //!
 //! Files are not trusted: the length and the checksum are checked first, every count is compared with its
 //! only valid value, and indices are checked.
@@ -16,7 +18,7 @@ use glam::{DVec3, UVec3};
 use wide::f32x4;
 
 const MAGIC: [u8; 8] = *b"palpfeld";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const HEADER_BYTES: usize = 24;
 
 /// Error of reading a body from bytes.

@@ -65,7 +65,7 @@ fn first_lanes(level: usize, four: usize) -> u32 {
     MASKS[(hash >> 30) as usize]
 }
 
-/// Points to be read, in the body's frame, m: four at a time, and the rest.
+/// Points to be read, about the centre of the body's samples, m: four at a time, and the rest.
 #[derive(Clone, Debug)]
 struct Queue {
     fours: Vec<[f32x4; 3]>,
@@ -74,10 +74,6 @@ struct Queue {
 }
 
 impl Queue {
-    fn with_capacity(fours: usize) -> Self {
-        Self { fours: Vec::with_capacity(fours), rest: [[0.0; 4]; 3], count: 0 }
-    }
-
     fn clear(&mut self) {
         self.fours.clear();
         self.count = 0;
@@ -146,17 +142,16 @@ pub struct Front {
 
 impl Front {
     pub fn new(samples: &SurfaceSamples) -> Self {
-        const INITIAL_CAPACITY: usize = 4096;
         Self {
             known: Known::new(samples),
             clocks: Clocks::new(samples),
-            now: Vec::with_capacity(INITIAL_CAPACITY),
+            now: Vec::new(),
             next: 0,
-            active: Vec::with_capacity(INITIAL_CAPACITY),
-            open: Vec::with_capacity(INITIAL_CAPACITY),
-            queue: Queue::with_capacity(INITIAL_CAPACITY),
-            found: Vec::with_capacity(2 * INITIAL_CAPACITY),
-            touching: Vec::with_capacity(2 * INITIAL_CAPACITY),
+            active: Vec::new(),
+            open: Vec::new(),
+            queue: Queue { fours: Vec::new(), rest: [[0.0; 4]; 3], count: 0 },
+            found: Vec::new(),
+            touching: Vec::new(),
             read: [0; 2],
             visited: 0,
         }
@@ -209,7 +204,7 @@ impl Front {
             let mut left = u32::MAX;
             let mut is_awake = false;
             if is_sampled {
-                let [first, others] = known.fours[four];
+                let [first, others] = known.fours.get(four);
                 left = first.until().min(others.until()).saturating_sub(now);
                 is_awake = left == 0 || first.in_contact() | others.in_contact() != 0;
             }
@@ -217,7 +212,7 @@ impl Front {
             let (mut lanes, mut unknown) = (0, 0);
             if level > 0 {
                 let now = clock.of_each(four);
-                let spheres = known.spheres[four];
+                let spheres = known.spheres.get(four);
                 (lanes, unknown) = (spheres.open(now), spheres.unknown(now));
                 if lanes == 0 {
                     left = left.min(spheres.left(now));
@@ -227,13 +222,13 @@ impl Front {
             if !is_awake && lanes == 0 {
                 if let Some(above) = &mut above {
                     let until = after(clock_above.of(four), left as f32);
-                    above.spheres[four / 4].set(four % 4, false, until);
+                    above.spheres.get_mut(four / 4).set(four % 4, false, until);
                 }
                 continue;
             }
             if is_awake {
                 let sample = side.samples.four(level, four);
-                let [first, others] = known.fours[four];
+                let [first, others] = known.fours.get(four);
                 let half = first_lanes(level, four);
                 let awake = [first.awake(half, now), others.awake(15 - half, now)];
                 if awake[0] != 0 {
@@ -335,7 +330,7 @@ impl Front {
                 }
             }
             let index = four.index as usize;
-            let known = &mut known.fours[index][half];
+            let known = &mut known.fours.get_mut(index)[half];
             let now = clock.of_four(index);
             let mut until = after(now, (-nearest - SLACK).max(-nearest / MAX_SLOPE) * per_unit);
             if known.until() > now {
@@ -390,7 +385,7 @@ impl Front {
         for four in self.open[some].iter_mut().filter(|four| four.weight > 0.0) {
             let index = four.index as usize;
             if four.unknown != 0 {
-                let known = &mut known.spheres[index];
+                let known = known.spheres.get_mut(index);
                 for (lane, distance) in bits(four.unknown.into()).zip(&mut found) {
                     let apart = distance - spheres[index][3].as_array()[lane] * scale - reach;
                     let now = clock.of(4 * index + lane);

@@ -17,10 +17,11 @@ mod selection;
 mod selector;
 mod side;
 mod slack;
+mod sparse;
 mod steady;
 
 /// Revision of the bodies, raised whenever the same mesh and options give another [`FieldBody`].
-pub const REVISION: u32 = 3;
+pub const REVISION: u32 = 4;
 
 pub use area_law::{AreaContact, AreaLaw};
 pub use body::{FieldBody, FieldOptions};

@@ -1,4 +1,6 @@
 //! Points evenly spread over a surface, in several densities.
+//!
+//! Positions are in single precision, about the centre of the surface: a mesh may be far from its own origin.
 
 use glam::{DVec3, Vec3};
 use palpate_core::TriMesh;
@@ -41,6 +43,8 @@ pub struct Sample {
 /// spread of the surface that they represent, which reduces the noise.
 #[derive(Clone, Debug)]
 pub struct SurfaceSamples {
+    /// Centre of the surface in the mesh's frame, m: all positions are about it.
+    center: DVec3,
     /// Levels, the finest first, whose samples are in `finest`; the coarsest has four points at most.
     pub(crate) levels: Vec<Level>,
     finest: Finest,
@@ -53,9 +57,10 @@ pub struct SurfaceSamples {
 /// filled up with points too far away to matter, with radii of −∞.
 #[derive(Clone, Debug)]
 pub(crate) struct Level {
-    /// Positions, m. Empty for the finest level.
+    /// Positions about the surface's centre, m. Empty for the finest level.
     pub samples: Vec<[f32x4; 3]>,
-    /// Centres and radii of the spheres, m. Empty for the finest level, which has single points.
+    /// Centres, about that of the surface, and radii of the spheres, m. Empty for the finest level, which has
+    /// single points.
     pub spheres: Vec<[f32x4; 4]>,
 }
 
@@ -110,9 +115,11 @@ impl Finest {
 impl SurfaceSamples {
     /// Samples a mesh's surface; `spacing` is that of the finest samples, m.
     pub fn new(mesh: &TriMesh, spacing: f64) -> Self {
+        let center = mesh.bounding_sphere().center;
         let mut fragments = Fragments::new((MIN_FRAGMENT_AREA * spacing * spacing) as f32);
         for index in 0..mesh.triangles().len() {
-            cut(mesh.corners(index), MAX_FRAGMENT_EDGE * spacing, &mut fragments);
+            let corners = mesh.corners(index).map(|corner| corner - center);
+            cut(corners, MAX_FRAGMENT_EDGE * spacing, &mut fragments);
         }
         let mut fragments = fragments.finish();
         let whole: f64 = fragments.iter().map(|fragment| f64::from(fragment.area)).sum();
@@ -138,7 +145,7 @@ impl SurfaceSamples {
             }
             parts *= 4;
         }
-        Self { levels, finest, area: (whole / count as f64) as f32, count }
+        Self { center, levels, finest, area: (whole / count as f64) as f32, count }
     }
 
     /// Smallest spacing (m) of samples that take no more than `bytes`, for a surface's area (m²).
@@ -149,6 +156,7 @@ impl SurfaceSamples {
     }
 
     pub(crate) fn write(&self, to: &mut Writer) {
+        to.vec(self.center);
         to.f64([f64::from(self.area)]);
         to.u32([self.count as u32, self.levels.len() as u32]);
         to.u8(self.finest.0.iter().flatten().flatten().map(|step| step.cast_unsigned()));
@@ -160,6 +168,7 @@ impl SurfaceSamples {
     }
 
     pub(crate) fn read_from(from: &mut Reader) -> Result<Self, FormatError> {
+        let center = from.vec()?;
         let area = from.f64()? as f32;
         let (count, levels) = (from.u32()? as usize, from.u32()?);
         // Each level has a quarter of the fours of the one below, and the last has one.
@@ -180,16 +189,21 @@ impl SurfaceSamples {
         if levels == 0 || fours > 1 {
             return Err(FormatError::Damaged);
         }
-        Ok(Self { levels: all, finest, area, count })
+        Ok(Self { center, levels: all, finest, area, count })
     }
 
-    /// Four samples of a level, m.
+    /// Centre of the surface in the mesh's frame, m: all positions are about it.
+    pub(crate) fn center(&self) -> DVec3 {
+        self.center
+    }
+
+    /// Four samples of a level, about the centre, m.
     #[inline]
     pub(crate) fn four(&self, level: usize, four: usize) -> [f32x4; 3] {
         if level == 0 { self.finest.four(four, &self.levels[1]) } else { self.levels[level].samples[four] }
     }
 
-    /// A sample, m.
+    /// A sample, about the centre, m.
     pub(crate) fn point(&self, sample: Sample) -> Vec3 {
         let four = self.four(sample.level.into(), sample.index as usize / 4);
         Vec3::from(four.map(|axis| axis.as_array()[sample.index as usize % 4]))
@@ -465,7 +479,7 @@ mod tests {
         let finest = points(&samples, 0, count);
         for (level, of) in samples.levels.iter().enumerate() {
             let own = points(&samples, level, count);
-            let mean = own.iter().sum::<Vec3>().as_dvec3() / own.len() as f64;
+            let mean = samples.center + own.iter().sum::<Vec3>().as_dvec3() / own.len() as f64;
             let off = mean.distance(moment / whole) / radius;
             // The last part of a level is smaller than the others.
             assert!(off < 0.02 + 1.0 / count as f64, "level {level}: {off}");

@@ -8,6 +8,8 @@
 use glam::UVec3;
 use wide::f32x4;
 
+use crate::sparse::Index;
+
 /// Smallest number of samples needed around a place: fewer may have equal depths by chance.
 const MIN_SAMPLES: f32 = 4.0;
 /// Width of the blend, as a fraction of the number of samples needed: a half begins to count where there are
@@ -46,28 +48,18 @@ struct Cube {
     share: f32,
     /// Weight that the samples of the present level leave to those of the next.
     rest: f32,
-    is_used: bool,
+    /// Its number in the probe's surroundings.
+    place: u32,
 }
 
-impl Cube {
-    const EMPTY: Self = Self {
-        settled: f32x4::ZERO,
-        present: f32x4::ZERO,
-        around: [0.0; 2],
-        share: 0.0,
-        rest: 1.0,
-        is_used: false,
-    };
-}
-
-/// The cubes of the probe's surroundings.
+/// The cubes of the probe's surroundings that hold contacts.
 #[derive(Clone, Debug)]
 pub struct Sampling {
-    /// Cubes along each axis.
+    /// Cubes along each axis of the surroundings.
     across: u32,
     cubes: Vec<Cube>,
-    /// Cubes that hold contacts.
-    used: Vec<u32>,
+    /// Places in `cubes`, by their numbers.
+    index: Index,
     /// Whether samples of the present level count anywhere.
     counts: bool,
     /// Whether there is no time for another level.
@@ -77,34 +69,32 @@ pub struct Sampling {
 impl Sampling {
     /// Empty cubes, `across` along each axis.
     pub fn new(across: u32) -> Self {
-        let count = across.pow(3) as usize;
-        Self {
-            across,
-            cubes: vec![Cube::EMPTY; count],
-            used: Vec::with_capacity(count),
-            counts: false,
-            is_ended: false,
-        }
+        Self { across, cubes: Vec::new(), index: Index::default(), counts: false, is_ended: false }
     }
 
     pub fn clear(&mut self) {
         (self.counts, self.is_ended) = (false, false);
-        for cube in self.used.drain(..) {
-            self.cubes[cube as usize] = Cube::EMPTY;
-        }
+        self.cubes.clear();
+        self.index.clear();
     }
 
     /// Adds a sample of the present half; `area` is that of a sample of weight 1.
     #[inline]
     pub fn add(&mut self, sample: &Touch, area: f32) {
-        let cube = &mut self.cubes[sample.place as usize];
-        if !cube.is_used {
-            cube.is_used = true;
-            self.used.push(sample.place);
+        let place = self.index.get_or_insert(sample.place, self.cubes.len());
+        if place == self.cubes.len() {
+            self.cubes.push(Cube {
+                settled: f32x4::ZERO,
+                present: f32x4::ZERO,
+                around: [0.0; 2],
+                share: 0.0,
+                rest: 1.0,
+                place: sample.place,
+            });
         }
         let pressure = sample.area * sample.reach;
         let moment = pressure * sample.reach;
-        cube.present += f32x4::new([pressure, moment * area, moment, 0.0]);
+        self.cubes[place].present += f32x4::new([pressure, moment * area, moment, 0.0]);
     }
 
     /// Sets the weights of the samples of the present half (0 or 1) of a level, given the number needed
@@ -112,34 +102,34 @@ impl Sampling {
     /// the smallest error of the wrench for a number of samples.
     pub fn settle(&mut self, needed: f32, half: usize) {
         let n = self.across;
-        for index in &self.used {
+        for cube in &mut self.cubes {
             // Samples represent half the area of those of the half before: the sums are rescaled as if
             // sampled as densely, so that Σ p² / w halves.
-            self.cubes[*index as usize].settled *= f32x4::new([1.0, 0.5, 1.0, 1.0]);
+            cube.settled *= f32x4::new([1.0, 0.5, 1.0, 1.0]);
         }
         // Sums over each cube and its neighbours: (Σ p)² / Σ (p² / w), and Σ p (δ + d) / Σ p.
         let mut most = 0.0f32;
-        for index in &self.used {
+        for own in 0..self.cubes.len() {
+            let index = self.cubes[own].place;
             let at = UVec3::new(index % n, index / n % n, index / (n * n));
             let (low, high) = (at.saturating_sub(UVec3::ONE), (at + 1).min(UVec3::splat(n - 1)));
             let mut sum = f32x4::ZERO;
             for z in low.z..=high.z {
                 for y in low.y..=high.y {
-                    let row = ((z * n + y) * n) as usize;
-                    for cube in &self.cubes[row + low.x as usize..=row + high.x as usize] {
-                        sum += cube.settled + cube.present;
+                    let row = (z * n + y) * n;
+                    for cube in (low.x..=high.x).filter_map(|x| self.index.get(row + x)) {
+                        sum += self.cubes[cube].settled + self.cubes[cube].present;
                     }
                 }
             }
             let [pressure, squares, moment, _] = sum.to_array();
             let around =
                 if squares > 0.0 { [pressure * pressure / squares, moment / pressure] } else { [0.0; 2] };
-            self.cubes[*index as usize].around = around;
+            self.cubes[own].around = around;
             most = most.max(around[1]);
         }
         self.counts &= half > 0;
-        for index in &self.used {
-            let cube = &mut self.cubes[*index as usize];
+        for cube in &mut self.cubes {
             let [count, mean] = cube.around;
             let needed = (needed * mean / most).max(MIN_SAMPLES);
             cube.share = ((count / needed - 1.0) / BLEND).clamp(0.0, 1.0);
@@ -154,8 +144,7 @@ impl Sampling {
     /// whether they had it already.
     pub fn end(&mut self) -> bool {
         let mut was_enough = true;
-        for index in &self.used {
-            let cube = &mut self.cubes[*index as usize];
+        for cube in &mut self.cubes {
             was_enough &= cube.share == 1.0;
             cube.share = 1.0;
         }
@@ -171,13 +160,13 @@ impl Sampling {
     /// Weight of the samples of the present half in a cube.
     #[inline]
     pub fn share(&self, cube: u32) -> f32 {
-        self.cubes[cube as usize].share
+        self.index.get(cube).map_or(0.0, |cube| self.cubes[cube].share)
     }
 
     /// Weight that the samples of the present level in a cube leave to those of the next.
     #[inline]
     pub fn rest(&self, cube: u32) -> f32 {
-        self.cubes[cube as usize].rest
+        self.index.get(cube).map_or(1.0, |cube| self.cubes[cube].rest)
     }
 
     /// Whether samples of the present level count anywhere.
@@ -192,6 +181,6 @@ impl Sampling {
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        self.cubes.capacity() * size_of::<Cube>() + self.used.capacity() * size_of::<u32>()
+        self.cubes.capacity() * size_of::<Cube>() + self.index.bytes()
     }
 }

@@ -6,9 +6,9 @@ use palpate_core::Pose;
 use wide::f32x4;
 
 use crate::samples::{Sample, SurfaceSamples};
-use crate::slack::{Change, REGIONS};
+use crate::slack::Change;
 
-/// Samples of one body's surface, in the body's frame, m.
+/// Samples of one body's surface, about the centre of its samples, m.
 #[derive(Clone, Debug)]
 pub struct Selection {
     points: [Vec<f32>; 3],
@@ -23,13 +23,12 @@ pub struct Selection {
 
 impl Selection {
     pub fn new() -> Self {
-        const INITIAL_CAPACITY: usize = 8192;
         Self {
-            points: [0; 3].map(|_| Vec::with_capacity(INITIAL_CAPACITY)),
-            areas: Vec::with_capacity(INITIAL_CAPACITY),
-            reaches: Vec::with_capacity(INITIAL_CAPACITY),
-            samples: Vec::with_capacity(INITIAL_CAPACITY),
-            near: Vec::with_capacity(REGIONS),
+            points: [const { Vec::new() }; 3],
+            areas: Vec::new(),
+            reaches: Vec::new(),
+            samples: Vec::new(),
+            near: Vec::new(),
         }
     }
 
@@ -66,12 +65,13 @@ impl Selection {
 
     /// Largest motion, m, of any point that was near the other body at selection, and of any other point.
     pub fn moved(&self, samples: &SurfaceSamples, level: usize, change: &Change, tolerance: f64) -> [f64; 2] {
+        let center = samples.center();
         if level == 0 {
-            let [_, most] = change.largest(std::iter::empty(), tolerance);
+            let [_, most] = change.largest(center, std::iter::empty(), tolerance);
             return [most; 2];
         }
         let spheres = &samples.levels[level].spheres;
-        change.largest(self.near.iter().map(|four| &spheres[*four as usize]), tolerance)
+        change.largest(center, self.near.iter().map(|four| &spheres[*four as usize]), tolerance)
     }
 
     /// Bytes of memory held.

@@ -14,7 +14,7 @@ pub struct Side<'a> {
     pub field: &'a DistanceField,
     /// d, in lattice constants.
     reach: f32,
-    /// Rows of the map from the body to the lattice.
+    /// Rows of the map from the body, about the centre of its samples, to the lattice.
     to_lattice: Map,
     /// Map from the body to the cubes of the probe's surroundings.
     to_cubes: Map,
@@ -46,6 +46,9 @@ impl<'a> Side<'a> {
             DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(spacing)), field.origin());
         let from_field = if is_probe { affine(&to_field.inverse()) } else { DAffine3::IDENTITY };
         let from_body = if is_probe { DAffine3::IDENTITY } else { affine(to_field) };
+        // Composed in double precision, so that only short distances are left for single precision.
+        let placed = DAffine3::from_translation(samples.center());
+        let from_body = from_body * placed;
         let cubes = DAffine3::from_scale_rotation_translation(
             DVec3::splat(1.0 / edge),
             DQuat::IDENTITY,
@@ -58,7 +61,7 @@ impl<'a> Side<'a> {
             samples,
             field,
             reach: (tolerance / spacing) as f32,
-            to_lattice: rows(lattice.inverse() * affine(to_field)),
+            to_lattice: rows(lattice.inverse() * affine(to_field) * placed),
             to_cubes,
             cube_columns: [0, 1, 2, 3].map(|column| {
                 let [x, y, z] = to_cubes.map(|row| row[column].as_array()[0]);

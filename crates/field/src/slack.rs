@@ -5,6 +5,7 @@ use palpate_core::glam::{DMat3, DVec3};
 use wide::{f32x4, i32x4};
 
 use crate::samples::SurfaceSamples;
+use crate::sparse::Pages;
 
 /// Number of steps in a tolerance: motion is counted in whole steps.
 const STEPS_PER_TOLERANCE: f64 = 256.0;
@@ -14,7 +15,7 @@ const MAX_VALIDITY: u32 = 1 << 20;
 /// bits into 32 bits.
 const MAX_CLOCK: u32 = 1 << 27;
 /// Largest number of regions of a body's surface, each with its own clock.
-pub const REGIONS: usize = 256;
+const REGIONS: usize = 256;
 /// Rounding of positions in single precision, as a fraction of them.
 const ROUNDING: f64 = 1e-6;
 /// Largest distance of the centre of a sphere around part of a region from the region's centre, in radii of
@@ -33,12 +34,16 @@ pub struct Motion {
 /// Bounds of the motion of points of one body relative to the other.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Change {
-    /// Rows of the map from a point of the body (m) to its displacement, in steps.
-    rows: [[f32; 4]; 3],
+    /// Map from a vector between two points of the body (m) to the difference of their displacements, in
+    /// steps.
+    turned: DMat3,
+    /// A point of the body near the other one, m, and its displacement, in steps.
+    about: DVec3,
+    shift: DVec3,
+    /// Radius about it of the parts that matter, m.
+    radius: f64,
     /// 2 sin θ/2: largest difference of the displacements of two points, in steps per metre between them.
     turn: f32,
-    /// Rounding of a point in single precision, m.
-    rounding: f32,
     /// Largest change of the distance of a point of either body from the other's surface, in steps.
     most: u32,
 }
@@ -63,10 +68,58 @@ impl Motion {
     }
 }
 
+/// The motion of points of one body that are given about a centre, in single precision.
+#[derive(Clone, Copy, Debug)]
+struct ChangeAbout {
+    /// Rows of the map from a point (m) to its displacement, in steps.
+    rows: [[f32; 4]; 3],
+    turn: f32,
+    /// Rounding of a point in single precision, m.
+    rounding: f32,
+}
+
 impl Change {
     /// A motion beyond the validity of all readings.
-    const ANYWHERE: Self = Self { rows: [[0.0; 4]; 3], turn: 0.0, rounding: 0.0, most: MAX_VALIDITY };
+    const ANYWHERE: Self = Self {
+        turned: DMat3::ZERO,
+        about: DVec3::ZERO,
+        shift: DVec3::ZERO,
+        radius: 0.0,
+        turn: 0.0,
+        most: MAX_VALIDITY,
+    };
 
+    /// The motion of points about a centre in the body's frame, m.
+    fn around(&self, center: DVec3) -> ChangeAbout {
+        let shift = self.shift + self.turned * (center - self.about);
+        ChangeAbout {
+            rows: [0, 1, 2].map(|axis| {
+                let row = self.turned.row(axis);
+                [row.x, row.y, row.z, shift[axis]].map(|part| part as f32)
+            }),
+            turn: self.turn,
+            rounding: (ROUNDING * (self.about.distance(center) + self.radius)) as f32,
+        }
+    }
+
+    /// Largest motion of any point within some spheres about a centre in the body's frame (m), given four at
+    /// a time, and largest change of any distance between the bodies, m, for a tolerance (m).
+    pub fn largest<'a>(
+        &self,
+        center: DVec3,
+        spheres: impl Iterator<Item = &'a [f32x4; 4]>,
+        tolerance: f64,
+    ) -> [f64; 2] {
+        let metres = |steps: f64| steps * tolerance / STEPS_PER_TOLERANCE;
+        let most = if self.most == MAX_VALIDITY { f64::INFINITY } else { metres(self.most.into()) };
+        let own = self.around(center);
+        let largest = spheres.map(|four| own.of(four)).fold(f32x4::ZERO, f32x4::fast_max);
+        let largest = largest.to_array().into_iter().fold(0.0, f32::max);
+        [most.min(metres(largest.into())), most]
+    }
+}
+
+impl ChangeAbout {
     /// Largest motion of any point within four spheres of the body's surface (centres and radii, m), in
     /// steps.
     #[inline]
@@ -78,16 +131,6 @@ impl Change {
         let spread =
             f32x4::splat(self.turn) * (f32x4::splat(CENTER_OFFSET) * *radius + f32x4::splat(self.rounding));
         f32x4::splat(1.0001) * ((x * x + y * y + z * z).sqrt() + spread)
-    }
-
-    /// Largest motion of any point within some spheres, given four at a time, and largest change of any
-    /// distance between the bodies, m, for a tolerance (m).
-    pub fn largest<'a>(&self, spheres: impl Iterator<Item = &'a [f32x4; 4]>, tolerance: f64) -> [f64; 2] {
-        let metres = |steps: f64| steps * tolerance / STEPS_PER_TOLERANCE;
-        let most = if self.most == MAX_VALIDITY { f64::INFINITY } else { metres(self.most.into()) };
-        let largest = spheres.map(|four| self.of(four)).fold(f32x4::ZERO, f32x4::fast_max);
-        let largest = largest.to_array().into_iter().fold(0.0, f32::max);
-        [most.min(metres(largest.into())), most]
     }
 }
 
@@ -117,16 +160,15 @@ pub fn changes(from: &Pose, to: &Pose, center: DVec3, radius: f64, tolerance: f6
         return [Change::ANYWHERE; 2];
     }
     let change = |from: &Pose, to: &Pose, about: DVec3| {
-        // Displacement of a point x: (R′ − R) x + t′ − t, the latter from the motion of `about`.
+        // Displacement of a point x: (R′ − R) (x − about), and the motion of `about`.
         let matrix = DMat3::from_quat(to.rotation) - DMat3::from_quat(from.rotation);
-        let shift = to.transform_point(about) - from.transform_point(about) - matrix * about;
+        let shift = to.transform_point(about) - from.transform_point(about);
         Change {
-            rows: [0, 1, 2].map(|axis| {
-                let row = matrix.row(axis);
-                [row.x, row.y, row.z, shift[axis]].map(|part| (per_metre * part) as f32)
-            }),
+            turned: matrix * per_metre,
+            about,
+            shift: shift * per_metre,
+            radius,
             turn: (turn * per_metre) as f32,
-            rounding: (ROUNDING * (about.length() + radius)) as f32,
             most: most as u32,
         }
     };
@@ -177,8 +219,9 @@ impl Clocks {
             return true;
         }
         let spheres = &samples.levels[self.level].spheres;
+        let change_about = change.around(samples.center());
         for (regions, spheres) in self.regions.as_chunks_mut().0.iter_mut().zip(spheres) {
-            let moved = change.of(spheres).to_array();
+            let moved = change_about.of(spheres).to_array();
             let regions: &mut [u32; 4] = regions;
             for (region, moved) in regions.iter_mut().zip(moved) {
                 // Casts saturate, and round down.
@@ -260,9 +303,9 @@ pub struct Known {
 #[derive(Clone, Debug)]
 pub struct Level {
     /// Readings of samples, four by four: of the two that are read first, and of the other two.
-    pub fours: Vec<[LastRead; 2]>,
+    pub fours: Pages<[LastRead; 2]>,
     /// Readings of spheres, four by four.
-    pub spheres: Vec<Spheres>,
+    pub spheres: Pages<Spheres>,
 }
 
 /// Last reading of two samples: in the lower four bits, a mask among four of those in contact; in the others,
@@ -353,8 +396,8 @@ impl Spheres {
 impl Known {
     pub fn new(samples: &SurfaceSamples) -> Self {
         let of = |(index, level): (usize, &crate::samples::Level)| Level {
-            fours: vec![[LastRead::UNKNOWN; 2]; samples.fours(index)],
-            spheres: vec![Spheres::UNKNOWN; level.spheres.len()],
+            fours: Pages::new(samples.fours(index), [LastRead::UNKNOWN; 2]),
+            spheres: Pages::new(level.spheres.len(), Spheres::UNKNOWN),
         };
         Self { levels: samples.levels.iter().enumerate().map(of).collect() }
     }
@@ -362,8 +405,8 @@ impl Known {
     /// Forgets all readings.
     pub fn forget(&mut self) {
         for level in &mut self.levels {
-            level.fours.fill([LastRead::UNKNOWN; 2]);
-            level.spheres.fill(Spheres::UNKNOWN);
+            level.fours.forget();
+            level.spheres.forget();
         }
     }
 
@@ -375,10 +418,7 @@ impl Known {
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        let of = |level: &Level| {
-            level.fours.capacity() * size_of::<[LastRead; 2]>()
-                + level.spheres.capacity() * size_of::<Spheres>()
-        };
+        let of = |level: &Level| level.fours.bytes() + level.spheres.bytes();
         self.levels.iter().map(of).sum()
     }
 }
@@ -405,7 +445,7 @@ mod tests {
             .map(|index| {
                 let sample = index * 997 % count;
                 let four = samples.four(0, sample / 4).map(|axis| axis.to_array()[sample % 4]);
-                (sample, DVec3::from_array(four.map(f64::from)))
+                (sample, samples.center() + DVec3::from_array(four.map(f64::from)))
             })
             .collect();
         let mut motion = Motion::new();

@@ -5,6 +5,7 @@ use std::fmt;
 
 use super::by_fields::{ByFields, FieldNeeds};
 use crate::contact::representative::FieldError;
+use crate::scene::field::Fitness;
 use crate::scene::object::Object;
 use crate::settings::{ContactSearch, Response, Settings};
 
@@ -37,12 +38,12 @@ pub(crate) enum ByLevels {
         name: String,
         share: f64,
     },
-    /// A field's error, in tolerances, is above [`MAX_FIELD_ERROR`].
+    /// The error of a field, in tolerances, would be above [`MAX_FIELD_ERROR`].
     Rough {
         name: String,
         error: f64,
     },
-    /// A field's lattice constant, in tolerances, is above [`MAX_LATTICE`].
+    /// The lattice constant of a field, in tolerances, would be above [`MAX_LATTICE`].
     Coarse {
         name: String,
         lattice: f64,
@@ -73,7 +74,7 @@ impl fmt::Display for ByLevels {
             Self::Rough { name, error } => {
                 write!(
                     f,
-                    "{name}: its distance field is off by up to {:.0} % of the tolerance",
+                    "{name}: its distance field would be off by up to {:.0} % of the tolerance",
                     100.0 * error
                 )
             }
@@ -138,12 +139,13 @@ pub(super) fn unfit(needs: &FieldNeeds, object: &Object) -> Option<ByLevels> {
     if lattice > MAX_LATTICE {
         return Some(ByLevels::Coarse { name: object.name.clone(), lattice });
     }
-    let field = match needs.of(object) {
-        Ok(field) => field,
+    // A field that would be refused is not made.
+    let Fitness { thin: share, error } = match object.fitness(&needs.options()) {
+        Ok(fitness) => fitness,
         Err(error) => return Some(ByLevels::NoField(error)),
     };
     let name = object.name.clone();
-    let (share, error) = (field.thin_share(), field.error() / needs.tolerance());
+    let error = error / needs.tolerance();
     if share > MAX_THIN_SHARE {
         Some(ByLevels::Thin { name, share })
     } else if error > MAX_FIELD_ERROR {

@@ -54,21 +54,26 @@ fn hash_of(mesh: &TriMesh, options: &str) -> u64 {
     hasher.finish()
 }
 
-/// Loads the distance field of `mesh` from the cache, or makes and stores it. The file's name holds the
-/// revisions of the field.
-pub(crate) fn field(mesh: &TriMesh, options: &FieldOptions) -> Field {
-    let hash = hash_of(mesh, &format!("{options:?}"));
-    let name = format!("{FIELD_REVISION}.{STORED_FIELD_REVISION}-{hash:016x}.field");
-    let path = cache_folder().map(|folder| folder.join(name));
-    let stored = path.as_ref().and_then(|path| std::fs::read(path).ok());
-    if let Some(field) = stored.and_then(|bytes| Field::from_bytes(&bytes)) {
-        return field;
-    }
+/// Loads the distance field of `mesh` from the cache; `None` if it is not there.
+pub(crate) fn stored_field(mesh: &TriMesh, options: &FieldOptions) -> Option<Field> {
+    Field::from_bytes(&std::fs::read(path_of_field(mesh, options)?).ok()?)
+}
+
+/// Makes the distance field of `mesh`, and stores it in the cache.
+pub(crate) fn make_field(mesh: &TriMesh, options: &FieldOptions) -> Field {
     let field = Field::new(mesh, options);
-    if let Some(path) = path {
+    if let Some(path) = path_of_field(mesh, options) {
         store(&path, |partial| std::fs::write(partial, field.to_bytes()).is_ok());
     }
     field
+}
+
+/// Path of the distance field of `mesh`: the name holds the revisions of fields, and a hash of the mesh and
+/// the options.
+fn path_of_field(mesh: &TriMesh, options: &FieldOptions) -> Option<PathBuf> {
+    let hash = hash_of(mesh, &format!("{options:?}"));
+    let name = format!("{FIELD_REVISION}.{STORED_FIELD_REVISION}-{hash:016x}.field");
+    Some(cache_folder()?.join(name))
 }
 
 /// Folder of the cache, whether or not it exists yet; `None` if the system names no cache folder for this

@@ -39,6 +39,19 @@ pub enum FieldError {
         /// Largest error accepted, m.
         coarsest: f64,
     },
+    /// The object's surface is too far from its frame's origin.
+    #[error(
+        "{name}: its surface, with a bounding radius of {radius:.3e} m, is {away:.3e} m from the origin of its \
+         frame, too far for double precision; move it to the origin, and give its place as a pose"
+    )]
+    FarFromOrigin {
+        /// Name of the object.
+        name: String,
+        /// Distance from the origin, m.
+        away: f64,
+        /// Bounding radius, m.
+        radius: f64,
+    },
     /// The object's surface is open.
     #[error(
         "{name}: its surface is not closed, so that representative contacts cannot distinguish inside from outside"
@@ -49,6 +62,10 @@ pub enum FieldError {
     },
 }
 
+/// Largest distance of a surface from its frame's origin, in its bounding radii. Further away positions have
+/// steps in double precision that contacts feel.
+const MAX_AWAY: f64 = 1e9;
+
 /// Surface of an object and its distance field.
 #[derive(Clone, Debug)]
 pub struct Field {
@@ -56,9 +73,39 @@ pub struct Field {
     thin: f64,
 }
 
+/// How well a distance field stands for an object's surface, which is known before it is made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Fitness {
+    /// [`Field::thin_share`].
+    pub thin: f64,
+    /// [`Field::error`], m.
+    pub error: f64,
+}
+
+impl Fitness {
+    pub(crate) fn of(mesh: &TriMesh, options: &FieldOptions) -> Self {
+        Self { thin: thin_share(mesh, options.tolerance), error: FieldBody::expected_error(mesh, options) }
+    }
+}
+
+/// Checks that positions of a mesh's surface are accurate in double precision.
+pub(crate) fn check_place(name: &str, mesh: &TriMesh) -> Result<(), FieldError> {
+    let sphere = mesh.bounding_sphere();
+    let away = sphere.center.length();
+    if away <= MAX_AWAY * sphere.radius {
+        return Ok(());
+    }
+    Err(FieldError::FarFromOrigin { name: name.to_owned(), away, radius: sphere.radius })
+}
+
 impl Field {
     pub(crate) fn new(mesh: &TriMesh, options: &FieldOptions) -> Self {
         Self { body: FieldBody::new(mesh, options), thin: thin_share(mesh, options.tolerance) }
+    }
+
+    /// How well it stands for the object's surface.
+    pub(crate) fn fitness(&self) -> Fitness {
+        Fitness { thin: self.thin, error: self.error() }
     }
 
     /// Error of depths that are read in the field, m ([`FieldBody::error`]).
