@@ -102,3 +102,14 @@ pub enum ContactSetError {
         index: usize,
     },
 }
+
+impl ContactSetError {
+    /// Checks that the probe and the scene object can be placed at their poses.
+    pub(crate) fn check_poses(poses: [&Pose; 2]) -> Result<(), Self> {
+        let objects = [QueryObject::Probe, QueryObject::Scene];
+        match poses.into_iter().zip(objects).find(|(pose, _)| !pose.is_valid()) {
+            Some((_, object)) => Err(Self::Pose { object }),
+            None => Ok(()),
+        }
+    }
+}

@@ -6,7 +6,8 @@
 //! | [`Shape`] | a hierarchy prepared for queries |
 //! | [`ContactQuery`] | descends two shapes in tandem and reports a [`PatchContact`] for every pair of convex surface patches that are within the tolerance or penetrate, at full resolution or at the coarsest level whose error would not be felt |
 //! | [`SceneQuery`] | the same for one probe and many objects; objects far away cost almost nothing |
-//! | [`ContactSet`] | merges the contacts of a query into local minima of the distance and one contact for each connected region of intersection |
+//! | [`ContactSet`] | merges the contacts of a query into local minima of the distance and one contact for each connected region of intersection, also where one object is wholly inside the other |
+//! | [`Containment`] | tells which connected parts of one object are wholly inside the other |
 //! | [`Clustering`] | reduces contacts to a few representatives |
 //! | [`CollisionEvents`] | finds times and points at which surfaces met, for hosts that step through time |
 //! | [`convex`] | queries between two convex hulls, which all others use |
@@ -106,7 +107,7 @@ mod tolerances;
 
 pub use clustering::{Cluster, Clustering};
 pub use contact::PatchContact;
-pub use contact_set::{ContactSet, ContactSetOutcome, ContactSetSettings};
+pub use contact_set::{ContactSet, ContactSetOutcome, ContactSetSettings, Containment};
 pub use error::{ContactSetError, QueryError, QueryObject};
 pub use events::{CollisionEvent, CollisionEvents};
 pub use query::{

@@ -11,7 +11,7 @@ use crate::ball::Ball;
 use crate::convex::{Hull, SupportMap};
 use crate::detail::{Detail, SupportAreas};
 use crate::patch::{Incidence, Patch};
-use crate::patchwork::Patchwork;
+use crate::patchwork::{Parts, Patchwork};
 use crate::tolerances::CONVEX_PATCH;
 
 /// Index that stands for no search structure.
@@ -35,6 +35,8 @@ struct Prepared {
     coordinates: f64,
     /// The surface of each level, made on first use.
     patchwork: OnceLock<Patchwork>,
+    /// Its connected parts, made on first use.
+    parts: OnceLock<Parts>,
 }
 
 /// Data of a node for queries, besides the hierarchy.
@@ -110,7 +112,6 @@ impl Shape {
         searches.shrink_to_fit();
         supports.shrink_to_fit();
         incidences.shrink_to_fit();
-        let patchwork = OnceLock::new();
         Self(Arc::new(Prepared {
             clod: shared,
             extras,
@@ -118,7 +119,8 @@ impl Shape {
             supports,
             incidences,
             coordinates,
-            patchwork,
+            patchwork: OnceLock::new(),
+            parts: OnceLock::new(),
         }))
     }
 
@@ -143,7 +145,7 @@ impl Shape {
 
     /// Memory held, bytes, without the hierarchy itself.
     pub fn bytes(&self) -> usize {
-        let Prepared { extras, searches, supports, incidences, patchwork, .. } = &*self.0;
+        let Prepared { extras, searches, supports, incidences, patchwork, parts, .. } = &*self.0;
         size_of::<Prepared>()
             + size_of_val(&**extras)
             + size_of_val(&**searches)
@@ -152,11 +154,17 @@ impl Shape {
             + supports.iter().map(SupportMap::bytes).sum::<usize>()
             + incidences.iter().map(Incidence::bytes).sum::<usize>()
             + patchwork.get().map_or(0, Patchwork::bytes)
+            + parts.get().map_or(0, Parts::bytes)
     }
 
     /// The surface of each level, made on first use.
     pub(crate) fn patchwork(&self) -> &Patchwork {
         self.0.patchwork.get_or_init(|| Patchwork::new(self.clod()))
+    }
+
+    /// The connected parts of the surface at full resolution, found on first use.
+    pub(crate) fn parts(&self) -> &Parts {
+        self.0.parts.get_or_init(|| Parts::new(self.clod(), self.patchwork()))
     }
 
     /// Bound on any coordinate, m.

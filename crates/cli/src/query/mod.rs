@@ -6,6 +6,7 @@
 //! contacts that blend between levels would lose their weights. Representative contacts are found in distance
 //! fields instead.
 
+mod inside;
 mod representative;
 
 use std::fmt::Display;
@@ -13,13 +14,14 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use palpate::collide::{
-    Budget, Clustering, ContactQuery, ContactSet, ContactSetSettings, PatchContact, QueryError, QueryOutcome,
-    QuerySettings,
+    Budget, Clustering, ContactQuery, ContactSet, ContactSetSettings, Containment, PatchContact, QueryError,
+    QueryOutcome, QuerySettings,
 };
 use palpate::device::{Interpolation, Keyframe, MotionPath};
 use palpate::{Contact, Object, Pose, Wrench};
 use serde::Serialize;
 
+use self::inside::{Inside, Insides};
 use crate::arguments::{QueryArguments, detail_error};
 use crate::failure::Failure;
 use crate::{output, progress};
@@ -44,6 +46,9 @@ struct Summary {
     front_max: f64,
     contacts_median: f64,
     memory_bytes: usize,
+    /// At how many poses a part of the one object is wholly inside the other.
+    #[serde(flatten)]
+    inside: Insides,
     /// Largest error EPS of representative contacts, m.
     #[serde(skip_serializing_if = "Option::is_none")]
     eps: Option<f64>,
@@ -59,6 +64,8 @@ struct PoseEntry {
     distance_min: Option<f64>,
     force: [f64; 3],
     torque: [f64; 3],
+    #[serde(flatten)]
+    inside: Inside,
     /// Accuracy of representative contacts.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     reached: Option<Reached>,
@@ -104,7 +111,7 @@ pub fn run(arguments: &QueryArguments) -> Result<(), Failure> {
 /// Replays a trajectory with contacts by levels of detail.
 fn replay(
     arguments: &QueryArguments,
-    [probe, scene]: [&Object; 2],
+    objects @ [probe, scene]: [&Object; 2],
     trajectory: &MotionPath,
 ) -> Result<Replay, Failure> {
     let error = arguments.error.map_or(Ok(0.0), |error| detail_error(error, probe))?;
@@ -122,51 +129,60 @@ fn replay(
     let mut query = ContactQuery::new(probe.shape(), scene.shape());
     let full_resolution = error == 0.0 && settings.budget.is_none();
     let mut set = full_resolution.then(|| ContactSet::new(probe.shape(), scene.shape()));
+    let mut containment = Containment::new(probe.shape(), scene.shape());
     let mut clustering = Clustering::new(arguments.clusters);
     let poses = each_pose(trajectory, |sample @ Keyframe { time, pose }| {
         if arguments.cold {
             query.reset();
         }
         let begun = Instant::now();
-        let (outcome, found) = contacts(&mut query, set.as_mut(), &settings, sample)?;
+        let (outcome, found, contained) = contacts(&mut query, set.as_mut(), &settings, sample)?;
         let query_us = begun.elapsed().as_secs_f64() * 1e6;
         let wrench = penalty(&mut clustering, found, &settings, arguments.stiffness, pose);
         for PatchContact { contact, probe_node, scene_node, .. } in found {
             let levels = [level(probe, *probe_node), level(scene, *scene_node)];
             contacts_file.write(*time, contact, levels)?;
         }
+        let (inside, depth) = match contained {
+            Some(parts) => (Inside::of(parts, objects), 0.0),
+            None => inside::look(&mut containment, sample, objects)?,
+        };
         Ok(PoseEntry {
             t: *time,
             query_us,
             front: outcome.front,
             contacts: found.len(),
-            depth_max: found.iter().map(|found| found.contact.depth).fold(0.0, f64::max),
-            distance_min: outcome.smallest_distance,
+            depth_max: found.iter().map(|found| found.contact.depth).fold(depth, f64::max),
+            distance_min: inside.distance(outcome.smallest_distance),
             force: wrench.force.to_array(),
             torque: wrench.torque.to_array(),
+            inside,
             reached: None,
         })
     })?;
     contacts_file.finish()?;
-    let objects = [probe, scene].map(|object| object.clod.total_bytes() + object.shape().bytes());
-    let memory = objects[0] + objects[1] + query.bytes() + set.as_ref().map_or(0, ContactSet::bytes);
+    let bytes = objects.map(|object| object.clod.total_bytes() + object.shape().bytes());
+    let memory = bytes[0] + bytes[1] + query.bytes() + set.as_ref().map_or(0, ContactSet::bytes);
     Ok(Replay { summary: summarise(&poses, memory), poses })
 }
 
-/// Finds the contacts at a pose: those between patches, or those of the contact set.
+/// Finds the contacts at a pose: those between patches, or those of the contact set, with the number of parts
+/// of either object that are wholly inside the other.
 fn contacts<'a>(
     query: &'a mut ContactQuery,
     set: Option<&'a mut ContactSet>,
     settings: &QuerySettings,
     Keyframe { time, pose }: &Keyframe,
-) -> Result<(QueryOutcome, &'a [PatchContact]), Failure> {
+) -> Result<(QueryOutcome, &'a [PatchContact], Option<[usize; 2]>), Failure> {
     let failed =
         |what: &str, error: &dyn Display| Failure::Message(format!("{what} at t = {time} s: {error}"));
     let outcome = query.run(pose, &Pose::IDENTITY, settings).map_err(|error| failed("the query", &error))?;
-    let Some(set) = set else { return Ok((outcome, query.contacts())) };
+    let Some(set) = set else { return Ok((outcome, query.contacts(), None)) };
     let merging = ContactSetSettings::new(MERGE_DISTANCE * settings.tolerance);
-    let found = set.run(query.contacts(), pose, &Pose::IDENTITY, &merging);
-    Ok((outcome, found.map_err(|error| failed("the contact set", &error))?))
+    set.run(query.contacts(), pose, &Pose::IDENTITY, &merging)
+        .map_err(|error| failed("the contact set", &error))?;
+    let contained = set.outcome().contained;
+    Ok((outcome, set.contacts(), Some(contained)))
 }
 
 /// Query settings at full resolution, with the tolerance checked.
@@ -202,6 +218,7 @@ fn print(replay: &Replay, are_representative: bool, table: &mut output::Table) {
         front_max,
         contacts_median,
         memory_bytes,
+        inside,
         eps,
     } = &replay.summary;
     table.row([&"poses", poses]);
@@ -210,6 +227,7 @@ fn print(replay: &Replay, are_representative: bool, table: &mut output::Table) {
     table.row([&"front", &format!("median {front_median}, max {front_max} {of}")]);
     table.row([&"contacts", &format!("median {contacts_median}")]);
     let deepest = replay.poses.iter().map(|pose| pose.depth_max).fold(0.0, f64::max);
+    table.row([&"wholly inside", inside]);
     table.row([&"deepest penetration", &format!("{:.6} mm", 1e3 * deepest)]);
     let nearest = replay.poses.iter().filter_map(|pose| pose.distance_min).reduce(f64::min);
     let nearest = nearest.map_or("none within the tolerance".to_owned(), |d| format!("{:.6} mm", 1e3 * d));
@@ -307,6 +325,7 @@ fn summarise(poses: &[PoseEntry], memory_bytes: usize) -> Summary {
         front_max: quantile(&fronts, 1.0),
         contacts_median: quantile(&contacts, 0.5),
         memory_bytes,
+        inside: poses.iter().map(|pose| pose.inside).collect(),
         eps,
     }
 }

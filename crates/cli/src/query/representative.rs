@@ -2,10 +2,12 @@
 
 use std::time::{Duration, Instant};
 
+use palpate::collide::Containment;
 use palpate::device::MotionPath;
 use palpate::representative::{AreaContact, RepresentativeQuery};
 use palpate::{Object, Pose};
 
+use super::inside;
 use super::{ContactsFile, PoseEntry, Reached, Replay, each_pose, settings_for, summarise};
 use crate::arguments::{Length, QueryArguments};
 use crate::failure::Failure;
@@ -14,7 +16,7 @@ use crate::progress;
 pub fn replay(
     arguments: &QueryArguments,
     error: Length,
-    [probe, scene]: [&Object; 2],
+    objects @ [probe, scene]: [&Object; 2],
     trajectory: &MotionPath,
 ) -> Result<Replay, Failure> {
     let tolerance = settings_for(arguments, probe)?.tolerance;
@@ -24,6 +26,7 @@ pub fn replay(
     bar.finish_and_clear();
     let budget = arguments.budget_us.map(Duration::from_micros);
     let mut query = made?.with_budget(budget);
+    let mut containment = Containment::new(probe.shape(), scene.shape());
     let mut contacts_file = ContactsFile::create(arguments.contacts.as_deref(), &["area"])?;
     let poses = each_pose(trajectory, |sample| {
         if arguments.cold {
@@ -36,15 +39,17 @@ pub fn replay(
         for AreaContact { contact, area } in query.contacts() {
             contacts_file.write(sample.time, contact, [area.to_string()])?;
         }
+        let (inside, depth) = inside::look(&mut containment, sample, objects)?;
         Ok(PoseEntry {
             t: sample.time,
             query_us,
             front: outcome.asked,
             contacts: outcome.contacts,
-            depth_max: outcome.deepest.map_or(0.0, |depth| depth.max(0.0)),
-            distance_min: outcome.deepest.map(|depth| (-depth).max(0.0)),
+            depth_max: outcome.deepest.map_or(depth, |deepest| deepest.max(depth)),
+            distance_min: inside.distance(outcome.deepest.map(|depth| (-depth).max(0.0))),
             force: wrench.force.to_array(),
             torque: wrench.torque.to_array(),
+            inside,
             reached: Some(Reached {
                 eps: outcome.error,
                 complete: outcome.is_complete,

@@ -242,7 +242,9 @@ fn a_trajectory_is_queried() {
             "median_us",
             "memory_bytes",
             "p99_us",
-            "poses"
+            "poses",
+            "probe_inside",
+            "scene_inside"
         ]
     );
     let poses = replay["poses"].as_array().expect("poses");
@@ -284,6 +286,78 @@ fn a_trajectory_is_queried() {
     assert!(front(&coarse) < front(&replay), "{} {}", coarse["summary"], replay["summary"]);
     let rows = std::fs::read_to_string(folder.join("c.csv")).unwrap();
     assert!(rows.lines().skip(1).any(|row| !row.ends_with(",0")), "no coarse contact: {rows:.400}");
+}
+
+/// A ball deep in another body touches nothing: it is told to be inside, with a depth, by every way to find
+/// contacts, and so is a body around a ball. Nothing is inside an open mesh.
+#[test]
+fn what_is_wholly_inside_is_told() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let radius = json(&["check", "golf-ball@5000", "--json"], folder)["bounding_radius"].as_f64().unwrap();
+    // Octahedra are balls enough: one is closed, of the other a face is missing.
+    let faces = ["1 3 5", "3 2 5", "2 4 5", "4 1 5", "3 1 6", "2 3 6", "4 2 6", "1 4 6"];
+    let octahedron = |size: f64, faces: &[&str]| {
+        let tips = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]];
+        let tips = tips.map(|tip| tip.map(|side| (size * f64::from(side)).to_string()).join(" "));
+        let lines = tips.iter().map(|tip| format!("v {tip}")).chain(faces.iter().map(|f| format!("f {f}")));
+        lines.collect::<Vec<_>>().join("\n")
+    };
+    std::fs::write(folder.join("small.obj"), octahedron(0.2 * radius, &faces)).unwrap();
+    std::fs::write(folder.join("open.obj"), octahedron(radius, &faces[..7])).unwrap();
+    // Out of the surface into the middle.
+    let heights: Vec<f64> = (0..=16).map(|i| 1.4 - 0.0875 * f64::from(i)).collect();
+    let write = |name: &str, sign: f64| {
+        let row = |(i, height): (usize, &f64)| format!("{i},{},0,0,0,0,0,1\n", sign * height * radius);
+        let rows: String = heights.iter().enumerate().map(row).collect();
+        std::fs::write(folder.join(name), format!("t,px,py,pz,qx,qy,qz,qw\n{rows}")).unwrap();
+    };
+    write("in.csv", 1.0);
+    write("around.csv", -1.0);
+    let query = |probe: &str, scene: &str, path: &str, tolerance: &str, options: &[&str]| {
+        let all = ["query", probe, scene, "--trajectory", path, "--tolerance", tolerance];
+        [&all[..], options].concat().into_iter().map(str::to_owned).collect::<Vec<_>>()
+    };
+    let tolerance = (0.02 * radius).to_string();
+    let [ball, small] = ["golf-ball@5000", "small.obj"];
+    for options in [&[][..], &["--error", "5%"], &["--representative", "1%"]] {
+        for (probe, scene, path, side) in [(small, ball, "in.csv", 0), (ball, small, "around.csv", 1)] {
+            if options.contains(&"--representative") && side == 1 {
+                // The error asked for is a fraction of the probe's radius: too coarse for the small one.
+                continue;
+            }
+            let words = query(probe, scene, path, &tolerance, &[options, &["--json"]].concat());
+            let replay = json(&words.iter().map(String::as_str).collect::<Vec<_>>(), folder);
+            let names = [["probe_inside", "scene_inside"], ["scene_inside", "probe_inside"]][side];
+            let poses = replay["poses"].as_array().expect("poses");
+            let mut inside = 0;
+            for (pose, height) in poses.iter().zip(&heights) {
+                let depth = pose["depth_max"].as_f64().unwrap() / radius;
+                let context = format!("{options:?}, {probe}, {height}: {pose}");
+                // Dimples are less than 0.05 of the radius deep.
+                if *height < 0.75 {
+                    assert_eq!(pose[names[0]], true, "{context}");
+                    assert!(depth >= 1.15 - height && depth <= 1.21 - height, "{context}");
+                    assert_eq!(pose["distance_min"], 0.0, "{context}");
+                } else if *height > 1.21 {
+                    assert!(pose[names[0]] == false && depth == 0.0, "{context}");
+                }
+                assert_eq!(pose[names[1]], false, "{context}");
+                inside += u64::from(pose[names[0]] == true);
+            }
+            assert_eq!(replay["summary"][names[0]], inside);
+            assert!(inside >= 9 && replay["summary"][names[1]] == 0, "{}", replay["summary"]);
+        }
+    }
+    let words = query(small, "open.obj", "in.csv", &tolerance, &["--json"]);
+    let replay = json(&words.iter().map(String::as_str).collect::<Vec<_>>(), folder);
+    for found in [&replay["summary"], &replay["poses"][16]] {
+        assert!(found["probe_inside"].is_null() && !found["scene_inside"].is_null(), "{found}");
+    }
+    let words = query(small, "open.obj", "in.csv", &tolerance, &[]);
+    let printed = palpate(&words.iter().map(String::as_str).collect::<Vec<_>>(), folder);
+    let printed = String::from_utf8_lossy(&printed.stdout).into_owned();
+    assert!(printed.contains("the probe unknown, since the scene object's mesh is open"), "{printed}");
 }
 
 #[test]

@@ -115,8 +115,7 @@ impl InsideVertices {
             }
             self.measured += 1;
             found = self.search.on_level(surface, level, in_other, hint).filter(|nearest| {
-                let outward = nearest.normal(surface);
-                nearest.distance > measures.precision && outward.dot(in_other - nearest.point) < 0.0
+                nearest.distance > measures.precision && nearest.is_behind(surface, in_other)
             });
         }
         self.touched[side.index].push(vertex);

@@ -19,6 +19,8 @@
 //!   surface, or the deepest pair of patches if that is deeper. This can happen with crossing edges, where no
 //!   vertex needs to be inside; when one enters, the depth does not jump. With a
 //!   [spacing](ContactSetSettings::spacing), further local maxima of the depth are kept as well.
+//! - A connected part of either surface that is [wholly inside](containment) the other solid is a region of
+//!   its own, with one contact. It has none of the others.
 //! - Of minima close to one another, or to a deep place of a region, the closest (deepest) is kept.
 //!
 //! Contacts between coarser nodes are treated likewise, on the surfaces of their levels, each of which is
@@ -27,6 +29,7 @@
 //! If an object bounds no solid, nothing is inside it; if neither does, a region is as deep as its
 //! deepest pair of patches.
 
+mod containment;
 mod inside;
 mod minima;
 mod pairs;
@@ -37,6 +40,7 @@ mod spacing;
 
 use palpate_core::{Contact, Pose};
 
+use self::containment::Meeting;
 use self::inside::Measures;
 use self::minima::MinimumTest;
 use self::regions::{Deep, Place, Regions};
@@ -44,10 +48,11 @@ use self::sides::Side;
 use self::spacing::Spaced;
 use crate::contact::{PatchContact, to_world};
 use crate::convex::Placement;
-use crate::error::{ContactSetError, QueryObject};
+use crate::error::ContactSetError;
 use crate::shape::Shape;
 use crate::tolerances::{COORDINATE_ROUNDING, PRECISION, SAME_CONTACT, SAME_POINT};
 
+pub use self::containment::Containment;
 pub use self::settings::{ContactSetOutcome, ContactSetSettings};
 
 /// Largest distance that is not felt, as a fraction of the objects' radii: §3.5.2 finds detail of 2.5 to 5
@@ -95,6 +100,7 @@ const ANY: u32 = 0;
 pub struct ContactSet {
     probe: Shape,
     scene: Shape,
+    containment: Containment,
     regions: Regions,
     /// Separated minima: indices of contacts.
     minima: Vec<u32>,
@@ -111,6 +117,7 @@ impl ContactSet {
     /// Makes a workspace for two objects. The first one for an object finds the neighbours of its patches.
     pub fn new(probe: &Shape, scene: &Shape) -> Self {
         Self {
+            containment: Containment::new(probe, scene),
             regions: Regions::new(probe, scene),
             probe: probe.clone(),
             scene: scene.clone(),
@@ -132,7 +139,8 @@ impl ContactSet {
 
     /// Memory held by the workspace, bytes.
     pub fn bytes(&self) -> usize {
-        self.regions.bytes()
+        self.containment.bytes()
+            + self.regions.bytes()
             + self.maxima.capacity()
             + self.kept.capacity()
             + self.minima.capacity() * size_of::<u32>()
@@ -159,6 +167,7 @@ impl ContactSet {
     ) -> Result<&[PatchContact], ContactSetError> {
         let capacities = self.capacities();
         self.contacts.clear();
+        self.containment.clear();
         self.outcome = ContactSetOutcome::default();
         self.check(contacts, [probe_pose, scene_pose], settings)?;
         let (probe, scene) = (self.probe.clone(), self.scene.clone());
@@ -169,7 +178,11 @@ impl ContactSet {
         let world = [probe_pose, scene_pose].map(|pose| pose.translation.abs().max_element());
         let precision = PRECISION * coordinates + COORDINATE_ROUNDING * world[0].max(world[1]);
 
+        self.find_contained(contacts, probe_pose, &sides, settings, precision);
         self.find_regions(contacts, probe_pose, &sides, settings, precision);
+        if !self.containment.contacts().is_empty() {
+            self.contacts.sort_unstable_by(|x, y| y.contact.depth.total_cmp(&x.contact.depth));
+        }
         self.outcome.penetrating = self.contacts.len();
         self.find_minima(contacts, probe_pose, &sides, precision);
         self.merge(contacts, settings.merge.max(SAME_CONTACT * precision));
@@ -189,9 +202,10 @@ impl ContactSet {
     }
 
     /// Capacities of all buffers, which show whether one has grown.
-    fn capacities(&self) -> ([usize; 6], [usize; 3]) {
-        let Self { regions, minima, minimum_test, deep, maxima, kept, contacts, .. } = self;
+    fn capacities(&self) -> ([usize; 7], [usize; 3]) {
+        let Self { containment, regions, minima, minimum_test, deep, maxima, kept, contacts, .. } = self;
         let own = [
+            containment.capacity(),
             regions.capacity(),
             minima.capacity(),
             deep.capacity(),
@@ -208,11 +222,7 @@ impl ContactSet {
         poses: [&Pose; 2],
         settings: &ContactSetSettings,
     ) -> Result<(), ContactSetError> {
-        for (pose, object) in poses.into_iter().zip([QueryObject::Probe, QueryObject::Scene]) {
-            if !pose.is_valid() {
-                return Err(ContactSetError::Pose { object });
-            }
-        }
+        ContactSetError::check_poses(poses)?;
         let ContactSetSettings { merge, spacing, .. } = *settings;
         if !(merge.is_finite() && merge >= 0.0) {
             return Err(ContactSetError::Merge { given: merge });
@@ -238,6 +248,23 @@ impl ContactSet {
             && self.scene.has_patch(found.scene_node)
     }
 
+    /// Adds the contacts of the parts that are wholly inside the other object.
+    fn find_contained(
+        &mut self,
+        contacts: &[PatchContact],
+        probe_pose: &Pose,
+        sides: &[Side; 2],
+        settings: &ContactSetSettings,
+        precision: f64,
+    ) {
+        let bounds = (precision, settings.max_vertices);
+        self.containment.find(sides, probe_pose, Meeting::All(contacts), bounds);
+        self.contacts.extend_from_slice(self.containment.contacts());
+        self.outcome.contained = self.containment.parts();
+        self.outcome.measured = self.containment.count;
+        self.outcome.truncated = self.containment.truncated;
+    }
+
     /// Adds the contacts of the regions.
     fn find_regions(
         &mut self,
@@ -250,13 +277,15 @@ impl ContactSet {
         let maxima = settings.spacing < f64::INFINITY;
         let radii = sides.iter().map(|side| side.own.clod().bounding_radius()).sum::<f64>();
         let same = SAME_POINT * radii + precision;
-        let measures = Measures { precision, same, max_vertices: settings.max_vertices, maxima };
+        let max_vertices = settings.max_vertices - self.containment.count;
+        let measures = Measures { precision, same, max_vertices, maxima };
+        let containment = &self.containment;
         self.deep.clear();
-        self.deep.extend_from_slice(self.regions.run(contacts, sides, &measures));
-        self.outcome.regions = self.regions.len();
-        self.outcome.measured = self.regions.inside.measured;
+        self.deep.extend_from_slice(self.regions.run(contacts, sides, &measures, |c| containment.holds(c)));
+        self.outcome.regions = self.regions.len() + self.containment.contacts().len();
+        self.outcome.measured += self.regions.inside.measured;
         self.outcome.inside = self.regions.inside.found.len();
-        self.outcome.truncated = self.regions.inside.truncated;
+        self.outcome.truncated |= self.regions.inside.truncated;
         // The deepest place of a region comes before the others, which may be equally deep.
         self.deep.sort_unstable_by(|x, y| {
             y.depth.total_cmp(&x.depth).then(y.deepest.cmp(&x.deepest)).then(x.at.cmp(&y.at))
@@ -291,7 +320,10 @@ impl ContactSet {
         let to_probe = probe_pose.inverse();
         self.minima.clear();
         for (index, found) in (0u32..).zip(contacts) {
-            if found.contact.depth < 0.0 && self.minimum_test.is_minimum(found, &to_probe, sides, precision) {
+            if found.contact.depth < 0.0
+                && !self.containment.holds(found)
+                && self.minimum_test.is_minimum(found, &to_probe, sides, precision)
+            {
                 self.minima.push(index);
             }
         }

@@ -97,10 +97,17 @@ impl Regions {
         self.deepest.len()
     }
 
-    /// Finds the regions of the penetrating contacts, and the deepest places of each.
-    pub fn run(&mut self, contacts: &[PatchContact], sides: &[Side; 2], measures: &Measures) -> &[Deep] {
+    /// Finds the regions of the penetrating contacts, and the deepest places of each. Contacts that are to be
+    /// left out are told by `is_left_out`.
+    pub fn run(
+        &mut self,
+        contacts: &[PatchContact],
+        sides: &[Side; 2],
+        measures: &Measures,
+        is_left_out: impl Fn(&PatchContact) -> bool,
+    ) -> &[Deep] {
         self.clear();
-        self.pair_up(contacts, sides);
+        self.pair_up(contacts, sides, is_left_out);
         self.connect_pairs(sides);
         for side in sides.iter().filter(|side| side.other.clod().source.solid) {
             self.look_around(side, measures);
@@ -125,9 +132,15 @@ impl Regions {
     }
 
     /// Collects the penetrating pairs of patches. Contacts of a pair follow one another.
-    fn pair_up(&mut self, contacts: &[PatchContact], sides: &[Side; 2]) {
-        for (index, PatchContact { contact, probe_node, scene_node, .. }) in (0u32..).zip(contacts) {
-            if contact.depth < 0.0 {
+    fn pair_up(
+        &mut self,
+        contacts: &[PatchContact],
+        sides: &[Side; 2],
+        is_left_out: impl Fn(&PatchContact) -> bool,
+    ) {
+        for (index, found) in (0u32..).zip(contacts) {
+            let PatchContact { contact, probe_node, scene_node, .. } = found;
+            if contact.depth < 0.0 || is_left_out(found) {
                 continue;
             }
             let (nodes, depth) = ([*probe_node, *scene_node], contact.depth);

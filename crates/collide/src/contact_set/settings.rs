@@ -31,7 +31,10 @@ impl ContactSetSettings {
 /// Results and costs of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactSetOutcome {
-    /// Number of connected regions of intersection.
+    /// Number of connected parts of the probe, and of the scene object, that are wholly inside the other.
+    /// Nothing is inside an open mesh.
+    pub contained: [usize; 2],
+    /// Number of connected regions of intersection, and of parts wholly inside.
     pub regions: usize,
     /// Number of contacts of the regions: one each, and further maxima.
     pub penetrating: usize,
@@ -43,7 +46,7 @@ pub struct ContactSetOutcome {
     pub by_vertices: usize,
     /// Number of vertices whose distance was measured.
     pub measured: usize,
-    /// Number of vertices inside the other object.
+    /// Number of vertices inside the other object, without those of parts wholly inside.
     pub inside: usize,
     /// Whether there were more vertices to measure than [`ContactSetSettings::max_vertices`].
     pub truncated: bool,

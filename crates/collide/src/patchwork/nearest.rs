@@ -73,7 +73,21 @@ impl NearestSearch {
     ) -> Option<NearestPoint> {
         let mut best = Best { point, squared: f64::INFINITY, found: None };
         best.offer(&surface.neighbours, hint);
-        self.descend(surface, surface.of_level[level as usize], best)
+        self.descend(surface, surface.of_level[level as usize], best, |_| true)
+    }
+
+    /// Finds the point nearest to a point on those triangles of level 0 that fulfil a condition. `hint`: one
+    /// of them that may be near.
+    pub fn among(
+        &mut self,
+        surface: &Patchwork,
+        point: DVec3,
+        hint: Option<u32>,
+        condition: impl Fn(u32) -> bool,
+    ) -> Option<NearestPoint> {
+        let mut best = Best { point, squared: f64::INFINITY, found: None };
+        hint.into_iter().for_each(|hint| best.offer(&surface.neighbours, hint));
+        self.descend(surface, surface.of_level[0], best, condition)
     }
 
     /// Finds the nearest point of one patch, if it is nearer than `limit`.
@@ -85,10 +99,17 @@ impl NearestSearch {
         limit: f64,
     ) -> Option<NearestPoint> {
         let best = Best { point, squared: limit * limit, found: None };
-        self.descend(surface, surface.of_node[node as usize], best)
+        self.descend(surface, surface.of_node[node as usize], best, |_| true)
     }
 
-    fn descend(&mut self, surface: &Patchwork, root: u32, mut best: Best) -> Option<NearestPoint> {
+    #[inline]
+    fn descend(
+        &mut self,
+        surface: &Patchwork,
+        root: u32,
+        mut best: Best,
+        condition: impl Fn(u32) -> bool,
+    ) -> Option<NearestPoint> {
         self.stack.clear();
         if root != NO_TREE {
             self.stack.push((0.0, root));
@@ -100,7 +121,9 @@ impl NearestSearch {
             let Bunch { first, last, second, .. } = surface.trees[index as usize];
             if second == 0 {
                 let order = &surface.order[first as usize..last as usize];
-                order.iter().for_each(|triangle| best.offer(&surface.neighbours, *triangle));
+                for &triangle in order.iter().filter(|triangle| condition(**triangle)) {
+                    best.offer(&surface.neighbours, triangle);
+                }
                 continue;
             }
             // Lower bound, reduced by rounding.
@@ -144,9 +167,14 @@ impl NearestPoint {
         }
     }
 
+    /// Whether a point is behind the surface, to which this is the nearest point.
+    pub fn is_behind(&self, surface: &Patchwork, point: DVec3) -> bool {
+        self.normal(surface).dot(point - self.point) < 0.0
+    }
+
     /// Outward normal of the surface at the point, not of unit length: the sum over the triangles that meet
     /// there, weighted by their angles.
-    pub fn normal(&self, surface: &Patchwork) -> DVec3 {
+    fn normal(&self, surface: &Patchwork) -> DVec3 {
         let neighbours = &surface.neighbours;
         let ends = neighbours.ends(self.triangle);
         let normal = |triangle: u32| {

@@ -104,6 +104,11 @@ impl Neighbours {
         }
     }
 
+    /// A mesh vertex, m.
+    pub fn point(&self, vertex: u32) -> DVec3 {
+        self.points[vertex as usize]
+    }
+
     /// Number of mesh vertices, over all levels.
     pub fn vertices(&self) -> usize {
         self.points.len()

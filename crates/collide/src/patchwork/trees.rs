@@ -147,6 +147,43 @@ impl Patchwork {
         }
     }
 
+    /// The triangles of a level, those of a box one after the other.
+    pub fn of_level(&self, level: usize) -> &[u32] {
+        let Some(root) = self.of_level.get(level).filter(|root| **root != NO_TREE) else { return &[] };
+        let is_split = |bunch: &u32| self.trees[*bunch as usize].second != 0;
+        let ends = [
+            std::iter::successors(Some(*root), |bunch| is_split(bunch).then_some(bunch + 1)).last(),
+            std::iter::successors(Some(*root), |b| is_split(b).then_some(self.trees[*b as usize].second))
+                .last(),
+        ];
+        let [first, last] = ends.map(|end| self.trees[end.unwrap_or(*root) as usize]);
+        &self.order[first.first as usize..last.last as usize]
+    }
+
+    /// Whether some triangle of level 0 whose box meets another box fulfils a condition. The box is given by
+    /// its lowest and its highest corner, m.
+    pub fn any_in_box(&self, [low, high]: [DVec3; 2], condition: &mut impl FnMut(u32) -> bool) -> bool {
+        let root = self.of_level[0];
+        root != NO_TREE && self.any_of_bunch(root, [low, high], condition)
+    }
+
+    fn any_of_bunch(
+        &self,
+        bunch: u32,
+        [low, high]: [DVec3; 2],
+        condition: &mut impl FnMut(u32) -> bool,
+    ) -> bool {
+        let found = &self.trees[bunch as usize];
+        if found.low.cmpgt(high).any() || found.high.cmplt(low).any() {
+            return false;
+        }
+        if found.second != 0 {
+            return self.any_of_bunch(bunch + 1, [low, high], condition)
+                || self.any_of_bunch(found.second, [low, high], condition);
+        }
+        self.order[found.first as usize..found.last as usize].iter().any(|triangle| condition(*triangle))
+    }
+
     /// The box around a node's patch: its lowest and its highest corner, m; empty if it has none.
     pub fn box_of(&self, node: u32) -> [DVec3; 2] {
         let root = self.trees.get(self.of_node[node as usize] as usize);

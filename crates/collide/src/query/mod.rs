@@ -7,7 +7,7 @@
 //! the larger node, down to pairs of leaves. By §3.4.1, their contacts are a superset of the local minima of
 //! the distance if the objects are disjoint, and local penetration depths if they overlap. Only surfaces that
 //! meet make contacts: an object wholly inside another, deeper than the thickness of the other's patches, has
-//! none.
+//! none. A [contact set](crate::ContactSet) and [`Containment`](crate::Containment) find that it is inside.
 //!
 //! A query starts from the [front] of the last one (§3.4.2), raised and lowered in place. The answer is that
 //! of a query from the roots: a pair is skipped only while the bodies have not moved enough to change its

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
-use crate::oracle::{Triangle, normal};
+use crate::oracle::{Triangle, is_inside, normal, to_surface};
 use crate::solids::{Body, Kind, clusters, hierarchy, pose, rotation, singles, star, torus, vector};
 use allocation_counter::measure;
 use palpate_clod_build::{BuildOptions, unwatched};
@@ -275,24 +275,6 @@ fn local_minima(
         }
     }
     minima
-}
-
-/// Whether a point is inside a closed mesh: its winding number (Van Oosterom and Strackee 1983).
-fn is_inside(point: DVec3, triangles: &[Triangle]) -> bool {
-    let angle = |t: &Triangle| {
-        let [a, b, c] = t.map(|corner| corner - point);
-        let (x, y, z) = (a.length(), b.length(), c.length());
-        let below = x * y * z + a.dot(b) * z + b.dot(c) * x + c.dot(a) * y;
-        2.0 * a.dot(b.cross(c)).atan2(below)
-    };
-    triangles.iter().map(angle).sum::<f64>() > TAU
-}
-
-fn to_surface(point: DVec3, triangles: &[Triangle]) -> f64 {
-    triangles
-        .iter()
-        .map(|t| crate::oracle::point_triangle(point, *t).distance(point))
-        .fold(f64::INFINITY, f64::min)
 }
 
 /// Disjoint sets without path compression.

@@ -143,17 +143,6 @@ fn spoon_in_the_cup_of_full_size() {
     run(&bodies, &path_of_poses(&shared.join("trajectories/spooncup.csv")));
 }
 
-/// Whether a point is inside a closed mesh: its winding number (Van Oosterom and Strackee 1983).
-fn is_inside(point: DVec3, triangles: &[crate::oracle::Triangle]) -> bool {
-    let angle = |t: &crate::oracle::Triangle| {
-        let [a, b, c] = t.map(|corner| corner - point);
-        let (x, y, z) = (a.length(), b.length(), c.length());
-        let below = x * y * z + a.dot(b) * z + b.dot(c) * x + c.dot(a) * y;
-        2.0 * a.dot(b.cross(c)).atan2(below)
-    };
-    triangles.iter().map(angle).sum::<f64>() > std::f64::consts::TAU
-}
-
 /// Regions of intersection of the jaws: no vertex of either jaw near them is deeper than the deepest
 /// region, and one is as deep unless the region's depth is that of two patches.
 #[test]
@@ -188,7 +177,7 @@ fn jaws_are_as_deep_as_their_vertices() {
                 let to =
                     |t: &crate::oracle::Triangle| crate::oracle::point_triangle(point, *t).distance(point);
                 let depth = placed[1 - side].iter().map(to).fold(f64::INFINITY, f64::min);
-                if depth > plain && is_inside(point, &placed[1 - side]) {
+                if depth > plain && crate::oracle::is_inside(point, &placed[1 - side]) {
                     plain = depth;
                 }
             }

@@ -1,6 +1,7 @@
 //! The integration tests, linked once: a module a subject.
 
 mod contact_set;
+mod containment;
 mod convex;
 mod jaws;
 mod no_allocation;

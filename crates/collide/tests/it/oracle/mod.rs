@@ -157,3 +157,19 @@ pub fn pairs_within(a: &[Triangle], b: &[Triangle], tolerance: f64) -> Vec<(usiz
 pub fn normal(t: Triangle) -> DVec3 {
     (t[1] - t[0]).cross(t[2] - t[0]).normalize_or_zero()
 }
+
+/// Whether a point is inside a closed mesh: its winding number (Van Oosterom and Strackee 1983).
+pub fn is_inside(point: DVec3, triangles: &[Triangle]) -> bool {
+    let angle = |t: &Triangle| {
+        let [a, b, c] = t.map(|corner| corner - point);
+        let (x, y, z) = (a.length(), b.length(), c.length());
+        let below = x * y * z + a.dot(b) * z + b.dot(c) * x + c.dot(a) * y;
+        2.0 * a.dot(b.cross(c)).atan2(below)
+    };
+    triangles.iter().map(angle).sum::<f64>() > std::f64::consts::TAU
+}
+
+/// Distance of a point from the nearest triangle.
+pub fn to_surface(point: DVec3, triangles: &[Triangle]) -> f64 {
+    triangles.iter().map(|t| point_triangle(point, *t).distance(point)).fold(f64::INFINITY, f64::min)
+}
