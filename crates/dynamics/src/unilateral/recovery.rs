@@ -1,10 +1,10 @@
 //! How fast each overlap is undone: none faster than all of them can be undone at once.
 //!
-//! An overlap asks for a velocity r out of the surface. Overlaps from opposite sides, as those of a shaft that
-//! starts in a hole too narrow for it, cannot both have it: no velocity meets both, and the impulses that come
-//! nearest to it are tens of kilonewtons, of which the little that does not cancel drives the body along the
-//! surfaces. Where they are nearly opposite, as in a slender wedge, it is met by a fast motion along them. So
-//! a step first looks for the motion u that undoes overlaps best: the one with the least
+//! An overlap asks for a velocity r out of the surface. Overlaps from opposite sides, as those of a shaft
+//! that starts in a hole too narrow for it, cannot both have it: no velocity meets both, and the impulses
+//! that come nearest to it are tens of kilonewtons, of which the little that does not cancel drives the body
+//! along the surfaces. Where they are nearly opposite, as in a slender wedge, it is met by a fast motion
+//! along them. So a step first looks for the motion u that undoes overlaps best: the one with the least
 //!
 //! ½ uᵀ A u + Σ (n · u + r)²₊ / 2 c,   n · u h ≤ g for what does not overlap,
 //!
@@ -31,8 +31,8 @@ const YIELD: f64 = 1e-3;
 /// less, it is lost in rounding.
 const FIRM: f64 = 1e-7;
 
-/// Largest motion, in those that undo one overlap. With more, bodies leave wedges fast; with less, overlaps at
-/// the ends of long bodies, or with floor and walls, are undone slowly.
+/// Largest motion, in those that undo one overlap. With more, bodies leave wedges fast; with less, overlaps
+/// at the ends of long bodies, or with floor and walls, are undone slowly.
 const FASTEST: f64 = 3.0;
 
 /// Share of its velocity below which an overlap is held. With more, bodies stay in blunt wedges; with less,
@@ -81,8 +81,8 @@ pub(super) fn shared<const N: usize>(
     Some(left)
 }
 
-/// The motion y that undoes overlaps best, by the velocities (m/s) out of them that are wanted. `None` if there
-/// are none, or the search did not end.
+/// The motion y that undoes overlaps best, by the velocities (m/s) out of them that are wanted. `None` if
+/// there are none, or the search did not end.
 fn undoing<const N: usize>(
     contacts: &[UnilateralContact],
     sides: &[Side<N>],

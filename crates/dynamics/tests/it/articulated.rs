@@ -998,8 +998,8 @@ fn blades_that_close_do_not_pass() {
     assert!((force * lever - torque).abs() < 0.01 * torque, "{force} N at {lever} m, and {torque} N·m");
 }
 
-/// Blades that walls overlap on opposite sides, with normals that are a little off, are held without force; if
-/// each is overlapped from inside alone, they open.
+/// Blades that walls overlap on opposite sides, with normals that are a little off, are held without force;
+/// if each is overlapped from inside alone, they open.
 #[test]
 fn blades_in_a_press_fit_stay_and_blades_that_overlap_what_they_grip_open() {
     let tool = light_forceps(FREE);

@@ -18,8 +18,8 @@ fn contacts(walls: &[Wall], pose: &Pose) -> Vec<UnilateralContact> {
     walls.iter().map(at).collect()
 }
 
-/// The walls of a hole around a shaft along z of 10 mm, where it is too narrow by an overlap (m) on each side.
-/// Its normals are off by up to a spread, as those of coarse meshes are.
+/// The walls of a hole around a shaft along z of 10 mm, where it is too narrow by an overlap (m) on each
+/// side. Its normals are off by up to a spread, as those of coarse meshes are.
 fn hole(overlap: f64, spread: f64, rng: &mut StdRng) -> Vec<Wall> {
     let mut walls = Vec::new();
     for side in [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y] {

@@ -136,8 +136,8 @@ fn random_contacts(rng: &mut StdRng, most: usize, friction: f64) -> Vec<Unilater
     (0..rng.random_range(1..=most)).map(|_| random(rng)).collect()
 }
 
-/// What contacts' velocities should be: their largest approaches, m/s. An overlap fades in 5 ms, or as fast as
-/// it may beside others.
+/// What contacts' velocities should be: their largest approaches, m/s. An overlap fades in 5 ms, or as fast
+/// as it may beside others.
 fn limits(rig: &Rig, contacts: &[UnilateralContact]) -> Vec<f64> {
     let recovery = recovery(rig, contacts);
     let factor = step::mobility_factor(rig.system().0).expect("regular");
