@@ -24,6 +24,9 @@
 //! coupling's damper. Pushing a body out by the depth in one step, or by a spring, would give it energy that
 //! the hand did not put in.
 //!
+//! Overlaps that cannot all be undone, as of a part that starts in a hole too narrow for it, are held as deep
+//! as they are, without force between them (`recovery`): the body is free along their surfaces.
+//!
 //! # Many contacts
 //!
 //! A step finds the impulses of at most [`MAX_UNILATERAL`] contacts: a working set. Contacts beside it that
@@ -44,6 +47,7 @@
 
 mod normals;
 mod pushed;
+mod recovery;
 mod response;
 mod solver;
 mod step;

@@ -165,6 +165,18 @@ impl<const N: usize> Normals<N> {
         self.sides.push(side);
     }
 
+    /// The contacts.
+    pub fn sides(&self) -> &[Side<N>] {
+        &self.sides
+    }
+
+    /// Changes the approach of a contact beyond its limit, before the first search, m/s.
+    pub fn change_excess(&mut self, index: usize, by: f64) {
+        if let Some(side) = self.sides.get_mut(index) {
+            side.excess += by;
+        }
+    }
+
     /// Impulse of a contact, N·s.
     #[inline(always)]
     pub fn impulse(&self, index: usize) -> f64 {

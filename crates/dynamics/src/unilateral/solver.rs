@@ -16,6 +16,7 @@ use palpate_core::Twist;
 
 use super::normals::{Normals, Side};
 use super::pushed::Pushed;
+use super::recovery::shared;
 use super::vector::{Six, Vector, add, dot, sum};
 use super::{MAX_UNILATERAL, UnilateralContact};
 use crate::system::six;
@@ -160,6 +161,14 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
             solver.rows.normals.push(Side { row, excess, stiffness }, impulse_before > 0.0);
             if impulse != DVec3::ZERO {
                 solver.prepare(index, over);
+            }
+        }
+        let normals = &mut solver.rows.normals;
+        if let Some(velocities) = shared(contacts, normals.sides(), (dt, recovery)) {
+            for (index, (contact, velocity)) in contacts.iter().zip(velocities).enumerate() {
+                if contact.gap < 0.0 {
+                    normals.change_excess(index, velocity - contact.wanted(recovery));
+                }
             }
         }
         solver

@@ -141,7 +141,7 @@ fn solved<const N: usize>(
             linear: moved.free.linear - DVec3::new(vx, vy, vz),
             angular: moved.free.angular - DVec3::new(wx, wy, wz),
         };
-        if exchanges == MAX_EXCHANGES || !exchange(contacts, &held, passed, (dt, recovery)) {
+        if exchanges == MAX_EXCHANGES || !exchange(contacts, &held, passed, dt) {
             return (held, share(contacts, MAX_UNILATERAL, &held, passed, dt), converged);
         }
         exchanges += 1;

@@ -48,18 +48,13 @@ pub(crate) fn choose(
     PASSED.0 + PASSED.1 * excesses.fold(0.0, f64::max)
 }
 
-/// Exchanges contacts that do not push for others that a velocity passes (m/s). Returns whether there were
-/// any.
-pub(super) fn exchange(
-    contacts: &mut [UnilateralContact],
-    held: &Twist,
-    passed: f64,
-    (dt, recovery): (f64, f64),
-) -> bool {
+/// Exchanges contacts that do not push for others that a velocity passes (m/s): makes overlap, or overlap
+/// more. Returns whether there were any.
+pub(super) fn exchange(contacts: &mut [UnilateralContact], held: &Twist, passed: f64, dt: f64) -> bool {
     let (solved, others) = split(contacts, MAX_UNILATERAL);
     let mut spare = solved.iter_mut().filter(|contact| contact.normal.dot(contact.impulse) <= 0.0);
     let mut exchanged = false;
-    for other in others.iter_mut().filter(|other| other.excess(held, dt, recovery) > passed) {
+    for other in others.iter_mut().filter(|other| other.excess(held, dt, 0.0) > passed) {
         let Some(spare) = spare.next() else { break };
         std::mem::swap(spare, other);
         other.impulse = Default::default();

@@ -997,3 +997,69 @@ fn blades_that_close_do_not_pass() {
     let torque = scene.grip.torque(&state, &scene.gripper).abs();
     assert!((force * lever - torque).abs() < 0.01 * torque, "{force} N at {lever} m, and {torque} N·m");
 }
+
+/// Blades that walls overlap on opposite sides, with normals that are a little off, are held without force;
+/// if each is overlapped from inside alone, they open.
+#[test]
+fn blades_in_a_press_fit_stay_and_blades_that_overlap_what_they_grip_open() {
+    let tool = light_forceps(FREE);
+    let start = ArticulatedState { first: BodyState::default(), angle: 0.2, rate: 0.0 };
+    let axis = tool.joint.in_first.rotation * DVec3::Z;
+    let hinge = tool.joint.in_first.translation;
+    // The directions in which the blades close: that of the first is opposite.
+    let closing = |state: &ArticulatedState| {
+        let second = tool.second(state).pose.translation;
+        -axis.cross(second - hinge).normalize()
+    };
+    let wall = |side: f64, along: DVec3, overlap: f64, off: f64| UnilateralContact {
+        arm: DVec3::ZERO,
+        normal: (along * side + axis * off).normalize(),
+        gap: -overlap,
+        velocity: DVec3::ZERO,
+        friction: 0.0,
+        impulse: DVec3::ZERO,
+        pushed: None,
+        key: 0,
+    };
+    for pressed in [true, false] {
+        let mut scene = Scene::free(tool.clone());
+        scene.coupling = VirtualCoupling::critically_damped(&tool.first, Pose::IDENTITY, 500.0, 0.5);
+        scene.grip = GripperCoupling::critically_damped(&tool, 0.5);
+        scene.device = DeviceMotion::at_rest(start.first.pose);
+        scene.gripper = GripperMotion::at_rest(start.angle);
+        let (mut state, mut recovery, mut strongest) = (start, 0.0, 0.0_f64);
+        let along = closing(&start);
+        let tips = [start.first.pose.translation, tool.second(&start).pose.translation];
+        for _ in 0..200 {
+            let now = [state.first.pose.translation, tool.second(&state).pose.translation];
+            let contacts = |body: usize, inner: f64| {
+                let gone = (now[body] - tips[body]).dot(along);
+                let inside = wall(inner, along, 1e-5 + inner * gone, 0.02);
+                let outside = wall(-inner, along, 1e-5 - inner * gone, 0.02);
+                [inside, if pressed { outside } else { inside }]
+            };
+            let [mut first, mut second] = [contacts(0, -1.0), contacts(1, 1.0)];
+            let found = constrained_articulated_step(
+                &scene.frame(),
+                &state,
+                [&mut first, &mut second],
+                &[],
+                &NO_BOUNDS,
+                recovery,
+                STEP,
+            );
+            assert!(found.step.status.failure.is_none());
+            (state, recovery) = (found.step.state, found.recovery);
+            let forces = first.iter().chain(&second).map(|contact| contact.impulse.length() / STEP);
+            strongest = strongest.max(forces.sum());
+        }
+        let strayed = state.first.pose.translation.distance(tips[0]);
+        if pressed {
+            assert!(strayed < 1e-7 && strongest < 0.1, "strays by {strayed} m, {strongest} N");
+        } else {
+            let gone = (tool.second(&state).pose.translation - tips[1]).dot(-along);
+            assert!(gone > 0.8e-5 && gone < 1.2e-5, "{gone} m of 10 µm");
+            assert!(strongest < 10.0, "{strongest} N");
+        }
+    }
+}

@@ -1,5 +1,6 @@
 //! Steps with unilateral contacts against their optimality conditions and penalty contacts in the limit.
 
+mod fits;
 mod hosts;
 mod many;
 mod motion;
@@ -140,10 +141,23 @@ fn random_contacts(rng: &mut StdRng, most: usize, friction: f64) -> Vec<Unilater
     (0..rng.random_range(1..=most)).map(|_| random(rng)).collect()
 }
 
-/// What a contact's velocity should be: its largest approach, m/s. An overlap fades in 5 ms.
-fn limit(contact: &UnilateralContact, recovery: f64) -> f64 {
-    let time = if contact.gap < 0.0 { 5e-3 } else { DT };
-    contact.normal.dot(contact.velocity) + (contact.gap / time).max(-recovery)
+/// What contacts' velocities should be: their largest approaches, m/s. An overlap fades in 5 ms, or as fast
+/// as it may beside others.
+fn limits(rig: &Rig, contacts: &[UnilateralContact]) -> Vec<f64> {
+    let recovery = recovery(rig, contacts);
+    let factor = step::mobility_factor(rig.system().0).expect("regular");
+    let side = |c: &UnilateralContact| normals::Side {
+        row: solver::scaled(&factor, &six(c.normal, c.arm.cross(c.normal))),
+        excess: 0.0,
+        stiffness: 0.0,
+    };
+    let sides: Vec<_> = contacts.iter().map(side).collect();
+    let shared = recovery::shared(contacts, &sides, (DT, recovery));
+    let limit = |(index, contact): (usize, &UnilateralContact)| {
+        let out = shared.as_ref().map_or(0.0, |out| out[index]);
+        contact.normal.dot(contact.velocity) + if contact.gap < 0.0 { -out } else { contact.gap / DT }
+    };
+    contacts.iter().enumerate().map(limit).collect()
 }
 
 /// What the recovery velocity should be in a step, m/s: a fifth of the way to its goal, for T = 5 ms.
@@ -189,9 +203,9 @@ fn residual(rig: &Rig, contacts: &[UnilateralContact], step: &ConstrainedStep) -
 /// The largest approach of a contact, beyond its limit, that a step without contacts has, m/s.
 fn largest_approach(rig: &Rig, contacts: &[UnilateralContact]) -> f64 {
     let free = rig.step(&mut []).step.state.twist;
-    let recovery = recovery(rig, contacts);
-    let approach = |c: &UnilateralContact| (c.normal.dot(free.velocity_at(c.arm)) - limit(c, recovery)).abs();
-    contacts.iter().map(approach).fold(0.0, f64::max)
+    let approach =
+        |(c, limit): (&UnilateralContact, f64)| (c.normal.dot(free.velocity_at(c.arm)) - limit).abs();
+    contacts.iter().zip(limits(rig, contacts)).map(approach).fold(0.0, f64::max)
 }
 
 #[test]
@@ -210,13 +224,13 @@ fn impulses_without_friction_meet_the_conditions() {
         let off = residual(&rig, &contacts, &step);
         assert!(off < ASYMMETRY, "seed {seed}, case {case}: body equation off by {off}");
         let size = largest_approach(&rig, &contacts);
-        for contact in &contacts {
+        for (contact, limit) in contacts.iter().zip(limits(&rig, &contacts)) {
             let impulse = contact.normal.dot(contact.impulse);
             let along = contact.impulse - contact.normal * impulse;
             assert!(impulse >= 0.0 && along.length() <= 1e-12 * impulse, "seed {seed}, case {case}");
             let yields = COMPLIANCE * mobility(&matrix, contact.arm, contact.normal) * impulse;
             let approach = contact.normal.dot(step.step.state.twist.velocity_at(contact.arm));
-            let slack = limit(contact, recovery(&rig, &contacts)) - approach + yields;
+            let slack = limit - approach + yields;
             worst = worst.max(-slack / size).max(if impulse > 0.0 { slack / size } else { 0.0 });
             assert!(slack > -TOLERANCE * size, "seed {seed}, case {case}: closes by {slack} m/s");
             if impulse > 0.0 {

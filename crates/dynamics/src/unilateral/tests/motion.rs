@@ -243,7 +243,8 @@ fn closing_plates_squeeze_the_body() {
         }
         assert!(rig.state.twist.linear.length() < 1e-6, "gap {gap}: {}", rig.state.twist.linear);
         assert!(rig.state.pose.translation.length() < 1e-6, "gap {gap}: {}", rig.state.pose.translation);
-        assert!(contacts.iter().all(|contact| contact.impulse.length() > 0.0));
+        // Plates at rest hold the body without pressing on it.
+        assert!(contacts.iter().all(|contact| (contact.impulse.length() > 0.0) == (speed > 0.0)));
     }
 }
 
