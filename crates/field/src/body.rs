@@ -233,17 +233,17 @@ mod tests {
                 let scene_pose = pose(DQuat::IDENTITY, DVec3::ZERO, origins[1]);
                 let mut query = FieldQuery::new(&probe, &scene, 0.25);
                 let mut contacts = Vec::new();
-                let touching = loop {
+                loop {
                     let at = pose(turn, DVec3::new(apart, 0.2, 0.0) * radius, origins[0]);
                     query.reset();
                     query.run(&probe, &scene, &at, &scene_pose, &FieldSettings::new(tolerance));
                     contacts.clear();
                     query.append_contacts(&probe, &at, &mut contacts);
                     if away > 0.0 || contacts.iter().any(|found| found.contact.depth > 0.3 * tolerance) {
-                        break at;
+                        break;
                     }
                     apart -= 0.01;
-                };
+                }
                 let deepest =
                     contacts.iter().map(|found| found.contact.depth).fold(f64::NEG_INFINITY, f64::max);
                 let area: f64 = contacts.iter().map(|found| found.area).sum();

@@ -304,71 +304,6 @@ impl DistanceField {
         found
     }
 
-    /// A lower and an upper bound on the signed distance of a point in the mesh's frame, m. Beyond the band
-    /// the upper bound is infinite outside, and the lower one inside.
-    ///
-    /// Distances change by no more than a point moves. And as in `replace_by_bounds`, D² is not below the
-    /// interpolation of D² at the corners of a cell by more than the spread of their weights: this is also
-    /// where an interpolated distance is too large, at an edge or a tip. Were a point inside and all corners
-    /// outside, or the other way round, D² at each corner would be less than its squared distance from the
-    /// point, and the bound below 0.
-    pub(crate) fn bounds(&self, point: DVec3) -> [f64; 2] {
-        let at = (point - self.origin) / self.spacing;
-        let size = (self.bricks * CELLS as u32).as_dvec3();
-        let inside = at.clamp(DVec3::ZERO, size);
-        let cell = inside.min(size - 1.0).as_uvec3();
-        let (brick, local) = (cell / CELLS as u32, cell % CELLS as u32);
-        let index = |at: UVec3, size: UVec3| ((at.z * size.y + at.y) * size.x + at.x) as usize;
-        // Corners of a cell, or of a brick, with their offsets.
-        let corners = || (0..8u32).map(|corner| UVec3::new(corner & 1, corner >> 1 & 1, corner >> 2));
-        let weight = |part: DVec3, corner: UVec3| {
-            let corner = corner.as_dvec3();
-            (corner * part + (1.0 - corner) * (1.0 - part)).element_product()
-        };
-        let spread = |part: DVec3| (part * (1.0 - part)).element_sum();
-        let slot = self.table[index(brick, self.bricks)] as usize;
-        let samples = self.samples.get(slot).filter(|_| inside == at);
-        let Some(samples) = samples else {
-            let place = inside / CELLS as f64;
-            let first = place.min((self.coarse_size - 1).as_dvec3() - 0.5).as_uvec3();
-            let part = place - first.as_dvec3();
-            let squares: f64 = corners()
-                .map(|corner| {
-                    f64::from(self.coarse[index(first + corner, self.coarse_size)]) * weight(part, corner)
-                })
-                .sum();
-            let least = squares - spread(part) * (CELLS * CELLS) as f64 + at.distance_squared(inside);
-            // Squares are in single precision.
-            let bound = ((1.0 - 1e-6) * least.max(0.0).sqrt()).max(f64::from(self.band)) * self.spacing;
-            let is_inside = inside == at && self.is_inside[index(brick, self.bricks)];
-            return if is_inside { [f64::NEG_INFINITY, -bound] } else { [bound, f64::INFINITY] };
-        };
-        let part = inside - cell.as_dvec3();
-        let step = f64::from(self.step);
-        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
-        let (mut outside, mut within) = (0.0, 0.0);
-        for corner in corners() {
-            let at = local + corner;
-            let at = 2 * index(at, UVec3::splat(SAMPLES as u32));
-            let value = f64::from(i16::from_le_bytes([samples[at], samples[at + 1]]));
-            // A sample is rounded to the nearest step.
-            let [least, most] = [value - 0.5, value + 0.5].map(|steps| steps * step);
-            let off = part.distance(corner.as_dvec3());
-            (low, high) = (low.max(least - off), high.min(most + off));
-            let weight = weight(part, corner);
-            outside += if least > 0.0 { weight * least * least } else { f64::NEG_INFINITY };
-            within += if most < 0.0 { weight * most * most } else { f64::NEG_INFINITY };
-        }
-        let (outside, within) = (outside - spread(part), within - spread(part));
-        if outside > 0.0 {
-            low = low.max(outside.sqrt());
-        }
-        if within > 0.0 {
-            high = high.min(-within.sqrt());
-        }
-        [low * self.spacing, high * self.spacing]
-    }
-
     /// Replaces the distances of far lanes by bounds, and their gradients by the direction in which the
     /// bounds grow.
     ///
@@ -510,50 +445,6 @@ mod tests {
             // cell.
             errors.sort_unstable_by(f64::total_cmp);
             assert!(errors[errors.len() / 2] < 0.02 && errors[errors.len() - 1] < 0.5, "{:?}", errors.last());
-        }
-    }
-
-    /// Near a tip interpolated distances are too large: what bounds have to be below is the surface.
-    #[test]
-    fn bounds_hold_at_tips_too() {
-        let mut rng = StdRng::seed_from_u64(0xB0D5);
-        // A needle of four sides.
-        let corners = vec![
-            DVec3::new(0.0, 0.0, 1.0),
-            DVec3::new(0.03, 0.0, 0.0),
-            DVec3::new(-0.02, 0.03, 0.0),
-            DVec3::new(-0.02, -0.03, 0.0),
-        ];
-        let needle = TriMesh::new(corners, vec![[1, 2, 0], [2, 3, 0], [3, 1, 0], [1, 3, 2]]).expect("a mesh");
-        for mesh in [needle, Model::Gear.generate(2000).expect("in range")] {
-            let exact = ExactDistance::new(&mesh);
-            let sphere = mesh.bounding_sphere();
-            let (spacing, band) = (0.02 * sphere.radius, 0.1 * sphere.radius);
-            let field = DistanceField::new(&mesh, &exact, spacing, band);
-            let (mut too_large, mut tight, mut near, mut slack) = (0, 0, 0, 0.0_f64);
-            for round in 0..20_000 {
-                let off = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
-                let point = if round % 2 == 0 {
-                    sphere.center + 1.5 * sphere.radius * off
-                } else {
-                    mesh.vertices()[rng.random_range(0..mesh.vertices().len())] + 3.0 * spacing * off
-                };
-                let truth = exact.nearest(point, 0).distance;
-                let [low, high] = field.bounds(point);
-                let rounding = 1e-6 * sphere.radius;
-                assert!(low <= truth + rounding && truth <= high + rounding, "{low} to {high}, but {truth}");
-                let at = ((point - field.origin()) / spacing).as_vec3();
-                let [read, ..] = field.read::<false>(&at.to_array().map(f32x4::splat));
-                too_large += u32::from(f64::from(read.to_array()[0]) * spacing > truth + 0.1 * spacing);
-                if truth > spacing && truth < band {
-                    near += 1;
-                    tight += u32::from(low > truth - 0.5 * spacing);
-                    slack = slack.max(truth - low);
-                }
-            }
-            // Negative control, and use.
-            assert!(too_large > 20, "{too_large} interpolated distances are too large");
-            assert!(near > 500 && tight * 10 > near * 9, "{tight} of {near}, off by {slack} at most");
         }
     }
 }

@@ -233,7 +233,7 @@ fn a_box_with_late_contacts_slides_as_with_early_ones() {
             assert!(rig.deepest < OVERLAP, "about {center}: {} m", rig.deepest);
             force
         });
-        assert!(early > least && (late - early).abs() < 0.02 * early, "{center}: {early} N, {late} N");
+        assert!(early > least && (late - early).abs() < 0.05 * early, "{center}: {early} N, {late} N");
     }
 }
 

@@ -1027,7 +1027,7 @@ fn blades_in_a_press_fit_stay_and_blades_that_overlap_what_they_grip_open() {
         scene.grip = GripperCoupling::critically_damped(&tool, 0.5);
         scene.device = DeviceMotion::at_rest(start.first.pose);
         scene.gripper = GripperMotion::at_rest(start.angle);
-        let (mut state, mut recovery, mut strongest) = (start, 0.0, 0.0_f64);
+        let (mut state, mut recovery, mut strongest) = (start, Recovery::at_scale(1.0), 0.0_f64);
         let along = closing(&start);
         let tips = [start.first.pose.translation, tool.second(&start).pose.translation];
         for _ in 0..200 {
@@ -1045,11 +1045,11 @@ fn blades_in_a_press_fit_stay_and_blades_that_overlap_what_they_grip_open() {
                 [&mut first, &mut second],
                 &[],
                 &NO_BOUNDS,
-                recovery,
+                &recovery,
                 STEP,
             );
             assert!(found.step.status.failure.is_none());
-            (state, recovery) = (found.step.state, found.recovery);
+            (state, recovery.speed) = (found.step.state, found.recovery);
             let forces = first.iter().chain(&second).map(|contact| contact.impulse.length() / STEP);
             strongest = strongest.max(forces.sum());
         }

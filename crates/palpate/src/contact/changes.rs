@@ -117,6 +117,7 @@ impl ContactLoop {
             return true;
         }
         let made = self.objects[place].take();
+        self.pairs.remove(place);
         self.scene.remove(handle);
         if let (Some(old), Some(mut before)) = (old, before) {
             before.moving = made.and_then(|made| made.moving);

@@ -24,7 +24,7 @@ pub(crate) const MAX_POINTS: usize = 768;
 const LANES: usize = 8;
 
 /// Largest number of scene objects near the body. With more, a geometry takes longer to hand over.
-pub(crate) const MAX_OBJECTS: usize = 256;
+pub(crate) const MAX_OBJECTS: usize = 64;
 
 /// Distance within which contacts with a scene object are wanted beyond that of the body's own motion, in
 /// lengths of the object's motion in this step.

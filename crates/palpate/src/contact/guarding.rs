@@ -109,6 +109,13 @@ impl Pairs {
         &mut pair.near
     }
 
+    /// Forgets the object at a place.
+    pub fn remove(&mut self, place: usize) {
+        if let Some(pair) = self.pairs.get_mut(place) {
+            *pair = None;
+        }
+    }
+
     /// Ends a query: forgets objects that have not been near for long.
     fn end(&mut self) {
         self.queries += 1;
