@@ -5,6 +5,10 @@
 //! engine promises of every wrench, by the engine's own checks and by what is visible at the device. It
 //! prints how near the worst came, each with the argument that runs that session again: `cargo xtask harm
 //! --session GENOME`.
+//!
+//! `cargo xtask harm --scenes N` and `cargo xtask harm --pokes N` look for sessions without any fault that
+//! feel wrong: plain [`scenes`], and [`pokes`] that go in. `--scene GENOME` and `--poke GENOME` run one
+//! again.
 
 mod bench;
 mod faults;
@@ -12,9 +16,14 @@ mod genome;
 mod hand;
 mod judge;
 mod models;
+mod oracle;
 mod plan;
+mod pokes;
+mod route;
+mod scenes;
 mod search;
 mod session;
+mod solids;
 #[cfg(test)]
 mod tests;
 
@@ -23,9 +32,10 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use genome::Genome;
-use palpate::Wrench;
-use search::{Found, Search};
-use session::{Measure, Outcome};
+use pokes::Pokes;
+use scenes::Scenes;
+use search::{Found, Search, Trial, Worst};
+use session::{Outcome, Sessions};
 
 /// Arguments of `cargo xtask harm`.
 #[derive(clap::Args, Clone, Debug)]
@@ -42,6 +52,18 @@ pub struct Arguments {
     /// Runs these sessions alone, in the form that a search prints.
     #[arg(long, value_name = "GENOME", num_args = 1..)]
     session: Vec<Genome>,
+    /// Plain scenes to run, at random, in place of sessions with faults.
+    #[arg(long, value_name = "N", conflicts_with_all = ["session", "sessions", "seconds"])]
+    scenes: Option<usize>,
+    /// Runs these scenes alone.
+    #[arg(long, value_name = "GENOME", num_args = 1.., conflicts_with = "session")]
+    scene: Vec<Genome>,
+    /// Pokes to run: half of them random, the others mutations of those that went deepest.
+    #[arg(long, value_name = "N", conflicts_with_all = ["session", "sessions", "seconds", "scenes", "scene"])]
+    pokes: Option<usize>,
+    /// Runs these pokes alone.
+    #[arg(long, value_name = "GENOME", num_args = 1.., conflicts_with_all = ["session", "scene"])]
+    poke: Vec<Genome>,
     /// Also prints the settings, device, scene and faults of these sessions.
     #[arg(long)]
     verbose: bool,
@@ -54,63 +76,75 @@ fn hexadecimal(text: &str) -> Result<u64, String> {
     u64::from_str_radix(text, 16).map_err(|error| error.to_string())
 }
 
-/// Leaves a wrench as it is.
-fn as_asked(wrench: &Wrench, _: &Wrench) -> Wrench {
-    *wrench
-}
-
 /// Searches, and prints how near to harm it came.
 ///
 /// # Errors
 /// If harm was found, or a file cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
-    let Arguments { sessions, seed, seconds, session, verbose, out } = arguments;
+    let Arguments { sessions, seed, seconds, session, scenes, scene, pokes, poke, verbose, out } = arguments;
     if !(*seconds > 0.0 && *seconds <= 3600.0) {
         return Err(format!("--seconds {seconds}: give more than 0 and no more than 3600").into());
     }
     let begun = Instant::now();
-    let mut alone = session.clone();
-    if *sessions == 1 && alone.is_empty() {
+    let faults = Sessions { seconds: *seconds };
+    // Scenes share no parameters that mutations could improve on.
+    let (trial, name, count, alone, random): (&dyn Trial, _, _, _, _) =
+        if scenes.is_some() || !scene.is_empty() {
+            (&Scenes, "scene", scenes.unwrap_or(0).div_ceil(scenes::VARIATIONS), scene, 1.0)
+        } else if pokes.is_some() || !poke.is_empty() {
+            (&Pokes, "poke", pokes.unwrap_or(0), poke, 0.5)
+        } else {
+            (&faults, "session", *sessions, session, 0.5)
+        };
+    let mut alone = alone.clone();
+    if count == 1 && alone.is_empty() {
         alone.push(Genome::new(*seed));
     }
-    let search = Search { sessions: *sessions, seed: *seed, seconds: *seconds };
-    if *verbose {
+    if *verbose && name == "session" {
         alone.iter().for_each(|genome| println!("{:#?}", plan::Plan::of(genome, *seconds)));
     }
-    let found = if alone.is_empty() { search.run() } else { search.of(&alone) };
-    print(&found, begun.elapsed().as_secs_f64());
+    let found = if alone.is_empty() {
+        Search { sessions: count, seed: *seed, random }.run(trial)
+    } else {
+        Found::of(trial, &alone)
+    };
+    print(&found, name, begun.elapsed().as_secs_f64());
     if let Some(file) = out {
         let text = serde_json::to_string_pretty(&found.json())?;
         std::fs::write(file, text).map_err(|error| format!("{}: {error}", file.display()))?;
     }
     match found.harm.len() {
         0 => Ok(()),
-        sessions => Err(format!("{sessions} sessions did harm").into()),
+        harmful => Err(format!("{harmful} {name}s did harm").into()),
     }
 }
 
-fn print(found: &Found, took: f64) {
+/// Prints what was found in sessions of a name, by which the task runs one again.
+fn print(found: &Found, name: &str, took: f64) {
+    let each = if name == "scene" { format!("times {} ", scenes::VARIATIONS) } else { String::new() };
     println!(
-        "{} sessions, {} of them refused, {} touched something, {} steps, {took:.0} s",
+        "{} {each}{name}s, {} of them refused, {} touched something, {} steps, {took:.0} s",
         found.sessions, found.refused, found.touched, found.steps
     );
-    println!("\n{:24} {:>10} {:>8}  session", "largest part of its bound", "", "harm");
-    for (index, measure) in Measure::ALL.iter().enumerate() {
-        let harm = if measure.is_promised() { found.above[index].to_string() } else { "-".to_owned() };
-        let (part, genome) = match found.worst[index].first() {
-            Some((part, genome)) => (*part, genome.to_string()),
-            None => (0.0, String::new()),
-        };
-        println!("{:24} {part:>12.4} {harm:>8}  {genome}", measure.name());
+    println!("\n{:24} {:>10} {:>8}  --{name}", "largest part of its bound", "", "harm");
+    for ((column, worst), above) in found.columns.iter().zip(&found.worst).zip(&found.above) {
+        let harm = if column.is_promised { above.to_string() } else { "-".to_owned() };
+        let none = Worst { part: 0.0, genome: Genome::new(0), note: String::new() };
+        let Worst { part, genome, note } = worst.first().unwrap_or(&none);
+        let genome = if *part > 0.0 { genome.to_string() } else { String::new() };
+        println!("{:24} {part:>12.4} {harm:>8}  {genome}", column.name);
+        if !note.is_empty() {
+            println!("    {}", note.trim());
+        }
     }
     for (genome, outcome) in found.harm.iter().take(50) {
         match outcome {
             Outcome::Panicked(text) => println!("panic: {text}\n    {genome}"),
             Outcome::Ended(ended) => {
-                let parts = Measure::ALL.iter().zip(&ended.parts);
+                let parts = found.columns.iter().zip(&ended.parts);
                 let above: Vec<String> = parts
-                    .filter(|(measure, part)| measure.is_promised() && **part > session::BROKEN)
-                    .map(|(measure, part)| format!("{} {part:.4}", measure.name()))
+                    .filter(|(column, part)| column.is_promised && **part > session::BROKEN)
+                    .map(|(column, part)| format!("{} {part:.4}", column.name))
                     .collect();
                 println!("harm: {}\n    {genome}", above.join(", "));
             }

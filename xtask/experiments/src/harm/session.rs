@@ -11,7 +11,7 @@ use palpate::promises::{ENERGY_BOUND, Invariant, RUNAWAY_SPEED};
 use palpate::settings::{ContactSettings, CouplingSettings, OutputSettings};
 use palpate::{
     Contact, ContactLoop, ContactUpdate, DynamicBody, HapticLoop, HapticRenderer, Object, Pose, Scene,
-    SceneEditor, SceneId, Settings, SettingsEditor, Twist,
+    SceneEditor, SceneId, Settings, SettingsEditor, Twist, Wrench,
 };
 use rand::RngExt as _;
 use rand::rngs::StdRng;
@@ -22,6 +22,7 @@ use super::faults::Kind;
 use super::genome::Genome;
 use super::judge::Step;
 use super::plan::{Change, Edit, Plan, Plane, World};
+use super::search::{Column, Trial};
 
 /// Largest number of steps in a session: those with high rates end earlier.
 const MAX_STEPS: u64 = 150_000;
@@ -113,6 +114,31 @@ impl Measure {
     }
 }
 
+/// Sessions with faults, of a length (s).
+pub struct Sessions {
+    pub seconds: f64,
+}
+
+impl Trial for Sessions {
+    fn columns(&self) -> Vec<Column> {
+        let column = |measure: &Measure| Column {
+            name: measure.name(),
+            is_promised: measure.is_promised(),
+            is_sought: measure.is_sought(),
+        };
+        Measure::ALL.iter().map(column).collect()
+    }
+
+    fn run(&self, genome: &Genome) -> Outcome {
+        run(genome, self.seconds, as_asked)
+    }
+}
+
+/// Leaves a wrench as it is.
+pub fn as_asked(wrench: &Wrench, _: &Wrench) -> Wrench {
+    *wrench
+}
+
 /// Result of a session.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub enum Outcome {
@@ -125,8 +151,10 @@ pub enum Outcome {
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Ended {
-    /// Values in the order of [`Measure::ALL`].
+    /// Values of the measures, relative to their bounds.
     pub parts: Vec<f64>,
+    /// Whether one is above its bound that is promised to keep it, or the engine found an invariant broken.
+    pub harm: bool,
     /// Writes in which the engine found an invariant broken, by its name.
     pub broken: BTreeMap<&'static str, u64>,
     pub steps: u64,
@@ -134,6 +162,8 @@ pub struct Ended {
     pub read: u16,
     /// Whether anything was touched.
     pub touched: bool,
+    /// What the session was, and what came of it.
+    pub note: String,
 }
 
 impl Outcome {
@@ -142,9 +172,19 @@ impl Outcome {
         match self {
             Self::Refused(_) => false,
             Self::Panicked(_) => true,
-            Self::Ended(ended) => {
-                let above = |(measure, part): (&Measure, &f64)| measure.is_promised() && *part > BROKEN;
-                !ended.broken.is_empty() || Measure::ALL.iter().zip(&ended.parts).any(above)
+            Self::Ended(ended) => ended.harm,
+        }
+    }
+
+    /// Returns what `session` returns, and catches panics in it.
+    pub fn caught(session: impl FnOnce() -> Result<Ended, String>) -> Self {
+        match std::panic::catch_unwind(AssertUnwindSafe(session)) {
+            Ok(Ok(ended)) => Self::Ended(ended),
+            Ok(Err(why)) => Self::Refused(why),
+            Err(panic) => {
+                let text = panic.downcast_ref::<String>().map(String::as_str);
+                let text = text.or(panic.downcast_ref::<&str>().copied());
+                Self::Panicked(text.unwrap_or("panicked").to_owned())
             }
         }
     }
@@ -152,17 +192,10 @@ impl Outcome {
 
 /// Runs the session of a genome, and catches panics in it.
 pub fn run(genome: &Genome, seconds: f64, tamper: Tamper) -> Outcome {
-    let made = std::panic::catch_unwind(AssertUnwindSafe(|| {
+    Outcome::caught(|| {
         let plan = Plan::of(genome, seconds);
         let read = plan.read;
-        match Running::start(plan, genome, tamper) {
-            Ok(running) => Outcome::Ended(Ended { read, ..running.run(seconds) }),
-            Err(why) => Outcome::Refused(why),
-        }
-    }));
-    made.unwrap_or_else(|panic| {
-        let text = panic.downcast_ref::<String>().map(String::as_str);
-        Outcome::Panicked(text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("panicked").to_owned())
+        Ok(Ended { read, ..Running::start(plan, genome, tamper)?.run(seconds) })
     })
 }
 
@@ -523,12 +556,16 @@ impl Running {
             Measure::TrueSpeed => worst.true_speed,
         };
         let broken = Invariant::ALL.iter().map(|it| (it.name(), invariants.record(*it).broken));
+        let broken: BTreeMap<_, _> = broken.filter(|(_, times)| *times > 0).collect();
+        let parts: Vec<f64> = Measure::ALL.iter().map(part).collect();
+        let above = |(measure, part): (&Measure, &f64)| measure.is_promised() && *part > BROKEN;
         Ended {
-            parts: Measure::ALL.iter().map(part).collect(),
-            broken: broken.filter(|(_, times)| *times > 0).collect(),
+            harm: !broken.is_empty() || Measure::ALL.iter().zip(&parts).any(above),
+            parts,
+            broken,
             steps,
-            read: 0,
             touched: self.touched,
+            ..Ended::default()
         }
     }
 }

@@ -19,7 +19,7 @@ pub mod meshes;
 mod metered;
 pub mod page;
 mod peg;
-mod port;
+pub mod port;
 mod pressing;
 mod rate;
 mod rig;

@@ -46,7 +46,7 @@ mod account;
 mod ball;
 mod boundary;
 mod certificate;
-mod driven;
+pub mod driven;
 mod frozen;
 mod hands;
 mod multisine;

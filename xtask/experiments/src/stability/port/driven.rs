@@ -6,7 +6,7 @@ use palpate::device::{DeviceError, DeviceState, HapticDevice, LowPass, Specifica
 use palpate::glam::{DQuat, DVec3};
 use palpate::settings::Response;
 use palpate::{
-    ContactTiming, HandlePlacement, HapticLoop, HapticRenderer, LockstepSession, Object, Pose, Scene,
+    ContactTiming, HandlePlacement, HapticLoop, HapticRenderer, LockstepSession, Object, Pose, Record, Scene,
     Settings, Twist, Wrench,
 };
 
@@ -50,12 +50,17 @@ impl Driven {
     pub fn haptic(&self) -> &HapticLoop {
         self.session.haptic()
     }
+
+    /// Takes a step of [`PERIOD`] with the handle at a pose at its end.
+    pub fn advance(&mut self, handle: &Pose) -> Record {
+        *self.handle.lock().unwrap_or_else(PoisonError::into_inner) = *handle;
+        self.session.step_device()
+    }
 }
 
 impl Port for Driven {
     fn step(&mut self, handle: &Pose) -> Wrench {
-        *self.handle.lock().unwrap_or_else(PoisonError::into_inner) = *handle;
-        self.session.step_device().coupling
+        self.advance(handle).coupling
     }
 }
 
