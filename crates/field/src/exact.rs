@@ -169,6 +169,11 @@ impl ExactDistance {
         Nearest { point, distance: if inside { -distance } else { distance }, hint, triangle }
     }
 
+    /// Normal of the triangle that a hint is for; 0 for one without an area.
+    pub fn normal(&self, hint: u32) -> DVec3 {
+        self.triangles[hint as usize].normal
+    }
+
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         size_of::<Self>()

@@ -127,6 +127,11 @@ impl FeatureMesh {
         self.exact.nearest(p, hint).triangle
     }
 
+    /// Normal of the face that a hint is for.
+    pub fn normal_of(&self, hint: u32) -> DVec3 {
+        self.exact.normal(hint)
+    }
+
     /// A unit direction at a place: the pseudonormal of a vertex, or along an edge.
     pub fn direction(&self, place: &Place) -> DVec3 {
         match *place {

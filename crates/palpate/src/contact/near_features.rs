@@ -28,11 +28,18 @@ const COARSE: f64 = 0.25;
 /// Motion after which a distance that does not show whether a sphere is out of reach is read again, as
 /// fractions of that distance and of the reach. With more, starts are chosen by older distances and some are
 /// out of reach; with less, more distances are read.
-const STALE: (f64, f64) = (0.3, 0.2);
+const STALE: (f64, f64) = (0.3, 0.05);
 
 /// Number of readings of a query after which spheres out of reach are not divided further. With more, the
 /// first query of bodies far apart takes longer; with less, its bound is lower.
 const MAX_READ: usize = 1024;
+
+/// Largest distance between starts on an edge over one flat part of the other surface, in edges of cells. With
+/// more, the surface may end between them unseen; with less, edges that lie on faces have many contacts.
+const FLAT_STEP: f64 = 4.0;
+
+/// Smallest cosine of the angle between faces of a flat part.
+const FLAT: f64 = 1.0 - 1e-9;
 
 /// Rounding of distances in single precision, as a fraction of them.
 const ROUNDING: f64 = 1e-6;
@@ -332,13 +339,14 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
         }
     }
 
-    /// Passes on the parts of a long edge that are within reach, one for each cell. `whole` is the reading at
-    /// its middle.
+    /// Passes on the parts of a long edge that are within reach: one for each cell, and fewer over flat parts
+    /// of the other surface, where the edge is lowest at an end. `whole` is the reading at its middle.
     fn pass_edge(&mut self, node: &FeatureNode, whole: &Reading, readings: &mut Vec<Reading>) {
         let [from, to] = self.own.ends_of(node.feature);
         let length = from.distance(to);
         // The halves of part i are parts 2 i and 2 i + 1.
         let mut stack = vec![(1, 0.0, 1.0, whole.hint)];
+        let mut run = FlatRun::default();
         while let Some((part, first, last, hint)) = stack.pop() {
             let share = 0.5 * (first + last);
             let half = 0.5 * length * (last - first);
@@ -357,12 +365,58 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
             } else if 2.0 * half <= self.reaches.edge.max(least) {
                 let place = self.own.place_at(node.feature, share);
                 let (is_probe, is_tip, stands_for, hint) = (self.is_probe, false, half, readings[part].hint);
-                (self.to)(&NearFeature { place, is_probe, is_tip, point, distance, apart, stands_for, hint });
+                let near = NearFeature { place, is_probe, is_tip, point, distance, apart, stands_for, hint };
+                let normal = self.other.normal_of(hint);
+                run.add(near, normal, FLAT_STEP * self.reaches.edge, &mut self.to);
             } else {
                 let hint = readings[part].hint;
-                stack.extend([(2 * part, first, share, hint), (2 * part + 1, share, last, hint)]);
+                // Along the edge, so that its parts come in their order.
+                stack.extend([(2 * part + 1, share, last, hint), (2 * part, first, share, hint)]);
             }
         }
+        run.end(&mut self.to);
+    }
+}
+
+/// Parts of an edge, in their order, over one flat part of the other surface.
+#[derive(Default)]
+struct FlatRun {
+    /// The last part that was passed on, and the last one that was not.
+    passed: Option<NearFeature>,
+    waiting: Option<NearFeature>,
+    normal: DVec3,
+}
+
+impl FlatRun {
+    /// Adds a part of the edge over a face with a normal. Passes on the first and the last one of each run,
+    /// and those that are up to a step (m) apart.
+    fn add(&mut self, near: NearFeature, normal: DVec3, step: f64, to: &mut impl FnMut(&NearFeature)) {
+        let gap = |from: &NearFeature| from.point.distance(near.point);
+        let last = self.waiting.or(self.passed);
+        let goes_on = self.normal.dot(normal) > FLAT
+            && last.is_some_and(|last| gap(&last) <= 2.0 * (near.stands_for + last.stands_for));
+        if goes_on && self.passed.is_some_and(|passed| gap(&passed) < step) {
+            self.waiting = Some(near);
+            return;
+        }
+        if !goes_on {
+            self.end(to);
+        }
+        self.pass(near, step, to);
+        (self.waiting, self.normal) = (None, normal);
+    }
+
+    /// Passes on the last part of a run.
+    fn end(&mut self, to: &mut impl FnMut(&NearFeature)) {
+        if let Some(last) = self.waiting.take() {
+            self.pass(last, 0.0, to);
+        }
+    }
+
+    /// Passes on a part, which stands for those up to a length (m) from it.
+    fn pass(&mut self, near: NearFeature, length: f64, to: &mut impl FnMut(&NearFeature)) {
+        self.passed = Some(near);
+        to(&NearFeature { stands_for: near.stands_for.max(length), ..near });
     }
 }
 
