@@ -38,7 +38,8 @@ impl PatchStarts {
 
     /// Passes on the places of a contact's patches, nodes of hierarchies at poses, that are within about
     /// `reach` (m) of each other: positions (m, world), whether on the probe, distances (m), and along which
-    /// edge if edges cross there.
+    /// edge if edges cross there: each of the two. Where edges that cross overlap, the nearest surface from
+    /// one of them may be a face that the other does not meet, as the wall under a rim.
     pub fn find(
         &mut self,
         (probe, probe_node, probe_pose): (&Clod, u32, &Pose),
@@ -64,9 +65,10 @@ impl PatchStarts {
         for own in probe.edges.iter().filter(|[a, b]| scene.is_near(a.min(*b), a.max(*b), reach)) {
             for other in &scene.edges {
                 // Edges that do not cross yet may do so after a small motion.
-                let (place, distance) = crossing(own, other);
+                let (places, distance) = crossing(own, other);
                 if distance <= reach {
-                    to(place, true, distance, Some(own[1] - own[0]));
+                    to(places[0], true, distance, Some(own[1] - own[0]));
+                    to(places[1], false, distance, Some(other[1] - other[0]));
                 }
             }
         }
@@ -121,8 +123,8 @@ impl Side {
     }
 }
 
-/// The point of an edge nearest to another edge, and their distance, m (Ericson 2005, §5.1.9).
-fn crossing([a, b]: &[DVec3; 2], [c, d]: &[DVec3; 2]) -> (DVec3, f64) {
+/// The points of two edges nearest to each other, and their distance, m (Ericson 2005, §5.1.9).
+fn crossing([a, b]: &[DVec3; 2], [c, d]: &[DVec3; 2]) -> ([DVec3; 2], f64) {
     let (u, v, w) = (b - a, d - c, a - c);
     let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
     let (uw, vw) = (u.dot(w), v.dot(w));
@@ -130,8 +132,8 @@ fn crossing([a, b]: &[DVec3; 2], [c, d]: &[DVec3; 2]) -> (DVec3, f64) {
     let s = share(uv * vw - vv * uw, uu * vv - uv * uv);
     let t = share(uv * s + vw, vv);
     let s = share(uv * t - uw, uu);
-    let place = a + u * s;
-    (place, place.distance(c + v * t))
+    let places = [a + u * s, c + v * t];
+    (places, places[0].distance(places[1]))
 }
 
 #[cfg(test)]
@@ -147,15 +149,17 @@ mod tests {
         for round in 0..300 {
             let mut random = || DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
             let (first, second) = ([random(), random()], [random(), random()]);
-            let (place, found) = crossing(&first, &second);
+            let (places, found) = crossing(&first, &second);
             let n = 200;
             let at = |edge: &[DVec3; 2], i: u32| edge[0].lerp(edge[1], f64::from(i) / f64::from(n));
             let all = (0..=n).flat_map(|i| (0..=n).map(move |j| (i, j)));
             let least =
                 all.map(|(i, j)| at(&first, i).distance(at(&second, j))).fold(f64::INFINITY, f64::min);
             assert!(found < least + 1e-12 && found > least - 0.02, "round {round}: {found}, {least}");
-            let along = (place - first[0]).cross(first[1] - first[0]).length();
-            assert!(along < 1e-12, "round {round}: {place} is off the edge");
+            for (place, edge) in places.into_iter().zip([first, second]) {
+                let along = (place - edge[0]).cross(edge[1] - edge[0]).length();
+                assert!(along < 1e-12, "round {round}: {place} is off the edge");
+            }
         }
         // Parallel edges, and an edge without a length.
         let along = [DVec3::ZERO, DVec3::X];
