@@ -163,6 +163,7 @@ impl ContactLoop {
         if let Ok(fields) = &mut self.by_fields {
             fields.remove(place);
         }
+        self.pairs.remove(place);
         self.scene.remove(removed.handle);
         self.moving.retain(|&moving| moving != place);
         self.on_loan.push(removed.on_loan());
