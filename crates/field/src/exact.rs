@@ -93,9 +93,34 @@ impl ExactDistance {
 
     /// The point of the surface nearest to a point, m. `hint` is that of a search nearby, or 0.
     pub fn nearest(&self, p: DVec3, hint: u32) -> Nearest {
+        let start = closest(p, &self.triangles[hint as usize].corners);
+        let start_squared = start.0.distance_squared(p);
+        let (((point, feature), hint), squared) =
+            self.search(p, start_squared).unwrap_or(((start, hint), start_squared));
+        let triangle = &self.triangles[hint as usize];
+        let normal = match feature {
+            Feature::Face => triangle.normal,
+            Feature::Edge(edge) => triangle.edges[edge],
+            Feature::Vertex(vertex) => triangle.vertices[vertex],
+        };
+        let inside = normal.dot(p - point) < 0.0;
+        let distance = squared.sqrt();
+        let triangle = triangle.index;
+        Nearest { point, distance: if inside { -distance } else { distance }, hint, triangle }
+    }
+
+    /// Index in the mesh of the triangle nearest to a point, if one is nearer than a distance, m: a search of
+    /// a small ball, whatever the mesh's size.
+    pub fn nearer(&self, p: DVec3, distance: f64) -> Option<u32> {
+        let ((_, hint), _) = self.search(p, distance * distance)?;
+        Some(self.triangles[hint as usize].index)
+    }
+
+    /// The nearest point with its feature and triangle, and its squared distance, if that is less than one,
+    /// m².
+    fn search(&self, p: DVec3, mut squared: f64) -> Option<(((DVec3, Feature), u32), f64)> {
         let closest = |index: u32| closest(p, &self.triangles[index as usize].corners);
-        let mut best = (closest(hint), hint);
-        let mut squared = best.0.0.distance_squared(p);
+        let mut best = None;
         let at = ((p - self.middle) / self.size).as_vec3();
         let at = [at.x, at.y, at.z].map(f32x4::splat);
         let limit = |squared: f64| {
@@ -122,7 +147,7 @@ impl ExactDistance {
                     let found = closest(triangle);
                     let distance = found.0.distance_squared(p);
                     if distance < squared {
-                        (best, squared) = ((found, triangle), distance);
+                        (best, squared) = (Some((found, triangle)), distance);
                     }
                 }
                 most = limit(squared);
@@ -144,17 +169,7 @@ impl ExactDistance {
                 top += 1;
             }
         }
-        let ((point, feature), hint) = best;
-        let triangle = &self.triangles[hint as usize];
-        let normal = match feature {
-            Feature::Face => triangle.normal,
-            Feature::Edge(edge) => triangle.edges[edge],
-            Feature::Vertex(vertex) => triangle.vertices[vertex],
-        };
-        let inside = normal.dot(p - point) < 0.0;
-        let distance = squared.sqrt();
-        let triangle = triangle.index;
-        Nearest { point, distance: if inside { -distance } else { distance }, hint, triangle }
+        best.map(|best| (best, squared))
     }
 
     /// Bytes of memory held.
