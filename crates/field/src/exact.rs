@@ -105,9 +105,34 @@ impl ExactDistance {
     }
 
     fn nearest_within(&self, p: DVec3, hint: u32, share: f64) -> Nearest {
+        let start = closest(p, &self.triangles[hint as usize].corners);
+        let start_squared = start.0.distance_squared(p);
+        let (((point, feature), hint), squared) =
+            self.search(p, start_squared, share).unwrap_or(((start, hint), start_squared));
+        let triangle = &self.triangles[hint as usize];
+        let normal = match feature {
+            Feature::Face => triangle.normal,
+            Feature::Edge(edge) => triangle.edges[edge],
+            Feature::Vertex(vertex) => triangle.vertices[vertex],
+        };
+        let inside = normal.dot(p - point) < 0.0;
+        let distance = squared.sqrt();
+        let triangle = triangle.index;
+        Nearest { point, distance: if inside { -distance } else { distance }, hint, triangle }
+    }
+
+    /// Index in the mesh of the triangle nearest to a point, if one is nearer than a distance, m: a search of
+    /// a small ball, whatever the mesh's size.
+    pub fn nearer(&self, p: DVec3, distance: f64) -> Option<u32> {
+        let ((_, hint), _) = self.search(p, distance * distance, 1.0)?;
+        Some(self.triangles[hint as usize].index)
+    }
+
+    /// The nearest point with its feature and triangle, and its squared distance, if that is less than one,
+    /// m²; or a point with no distance below `share` times its own.
+    fn search(&self, p: DVec3, mut squared: f64, share: f64) -> Option<(((DVec3, Feature), u32), f64)> {
         let closest = |index: u32| closest(p, &self.triangles[index as usize].corners);
-        let mut best = (closest(hint), hint);
-        let mut squared = best.0.0.distance_squared(p);
+        let mut best = None;
         let at = ((p - self.middle) / self.size).as_vec3();
         let at = [at.x, at.y, at.z].map(f32x4::splat);
         let limit = |squared: f64| {
@@ -134,7 +159,7 @@ impl ExactDistance {
                     let found = closest(triangle);
                     let distance = found.0.distance_squared(p);
                     if distance < squared {
-                        (best, squared) = ((found, triangle), distance);
+                        (best, squared) = (Some((found, triangle)), distance);
                     }
                 }
                 most = limit(squared);
@@ -156,17 +181,7 @@ impl ExactDistance {
                 top += 1;
             }
         }
-        let ((point, feature), hint) = best;
-        let triangle = &self.triangles[hint as usize];
-        let normal = match feature {
-            Feature::Face => triangle.normal,
-            Feature::Edge(edge) => triangle.edges[edge],
-            Feature::Vertex(vertex) => triangle.vertices[vertex],
-        };
-        let inside = normal.dot(p - point) < 0.0;
-        let distance = squared.sqrt();
-        let triangle = triangle.index;
-        Nearest { point, distance: if inside { -distance } else { distance }, hint, triangle }
+        best.map(|best| (best, squared))
     }
 
     /// Normal of the triangle that a hint is for; 0 for one without an area.

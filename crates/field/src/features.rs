@@ -20,8 +20,8 @@ use crate::exact::{ExactDistance, Feature, closest};
 /// Index of no face.
 const NONE: u32 = u32::MAX;
 
-/// Largest number of faces that a walk visits. With fewer, a walk over many small faces ends early, and its
-/// distance is too large.
+/// Largest number of faces that a walk visits; one that goes on is ended by a search of the whole surface.
+/// With fewer, these searches take longer than walks would.
 const MAX_WALK: usize = 32;
 
 /// Smallest downward slope at which a place leaves a vertex. With less, rounding moves places to and fro
@@ -87,6 +87,17 @@ pub enum Place {
     Edge(u32, f32),
 }
 
+/// What a point of a mesh is on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MeshFeature {
+    /// The inside of a face.
+    Face(u32),
+    /// The inside of an edge.
+    Edge(u32),
+    /// A vertex.
+    Vertex(u32),
+}
+
 /// The point of a surface nearest to another point, among those near by.
 #[derive(Clone, Copy, Debug)]
 pub struct ClosestPoint {
@@ -98,6 +109,17 @@ pub struct ClosestPoint {
     pub normal: DVec3,
     /// The face that it is on, from which the next walk starts.
     pub face: u32,
+    /// What it is on.
+    pub feature: MeshFeature,
+}
+
+impl From<Place> for MeshFeature {
+    fn from(place: Place) -> Self {
+        match place {
+            Place::Vertex(vertex) => Self::Vertex(vertex),
+            Place::Edge(edge, _) => Self::Edge(edge),
+        }
+    }
 }
 
 /// The part of a surface that a place stays in as it descends.
@@ -280,32 +302,38 @@ impl FeatureMesh {
                     let around = corners.iter().flat_map(|corner| self.faces_around.of(*corner));
                     around.for_each(|face| visit(*face));
                 }
-                Feature::Face => break,
-                Feature::Edge(edge) if neighbours[edge] == NONE => break,
+                Feature::Face => {}
+                Feature::Edge(edge) if neighbours[edge] == NONE => {}
                 Feature::Edge(edge) => {
                     // Not nearer than the edge on its own side of it.
                     let [start, end] = [edge, (edge + 1) % 3].map(|i| self.vertices[corners[i] as usize]);
                     let across = self.faces[neighbours[edge] as usize].normal;
-                    if across != DVec3::ZERO && (end - start).cross(across).dot(p - from) <= 0.0 {
-                        break;
+                    if across == DVec3::ZERO || (end - start).cross(across).dot(p - from) > 0.0 {
+                        visit(neighbours[edge]);
                     }
-                    visit(neighbours[edge]);
                 }
                 Feature::Vertex(vertex) => {
                     let vertex = corners[vertex];
-                    // No edge leads nearer, and so no face between them does.
+                    // If no edge leads nearer, no face between them does.
                     let outgoing = &self.outgoing[self.edges_around.range(vertex)];
-                    if outgoing.iter().all(|outgoing| outgoing.dot(p - from) <= 0.0) {
-                        break;
+                    if outgoing.iter().any(|outgoing| outgoing.dot(p - from) > 0.0) {
+                        self.faces_around.of(vertex).iter().for_each(|face| visit(*face));
                     }
-                    self.faces_around.of(vertex).iter().for_each(|face| visit(*face));
                 }
             }
             if squared >= before {
-                break;
+                return self.conclude(p, current, point, feature, squared.sqrt());
             }
         }
-        self.conclude(p, current, point, feature, squared.sqrt())
+        self.search(p)
+    }
+
+    /// What a walk ends at that starts at the nearest face of all.
+    #[cold]
+    fn search(&self, p: DVec3) -> ClosestPoint {
+        let face = self.exact.nearest(p, 0).triangle;
+        let (point, feature) = closest(p, &self.corners(face));
+        self.conclude(p, face, point, feature, point.distance(p))
     }
 
     /// The foot of a point on a face that it is over and outside of; a walk from there would end there.
@@ -320,6 +348,7 @@ impl FeatureMesh {
             distance,
             normal,
             face,
+            feature: MeshFeature::Face(face),
         })
     }
 
@@ -341,12 +370,98 @@ impl FeatureMesh {
             _ if distance >= MIN_DIRECTED => (p - point) * (sign / distance),
             _ => outward,
         };
-        ClosestPoint { point, distance: sign * distance, normal, face }
+        let feature = match feature {
+            Feature::Face => MeshFeature::Face(face),
+            Feature::Edge(edge) => MeshFeature::Edge(own.edges[edge]),
+            Feature::Vertex(vertex) => MeshFeature::Vertex(own.corners[vertex]),
+        };
+        ClosestPoint { point, distance: sign * distance, normal, face, feature }
     }
 
     /// The point of the whole surface nearest to a point, m.
     pub fn nearest(&self, p: DVec3) -> ClosestPoint {
         self.walk(p, self.exact.nearest(p, 0).triangle)
+    }
+
+    /// The point of the whole surface nearest to a point, m, if it is nearer than a distance, m.
+    pub fn nearer(&self, p: DVec3, distance: f64) -> Option<ClosestPoint> {
+        self.exact.nearer(p, distance).map(|face| self.walk(p, face))
+    }
+
+    /// How far a direction, a unit vector, is outside of the normals that a feature can have: the sine of the
+    /// steepest slope with which the surface beside the feature goes on along the direction. At most 0
+    /// inside, and on a face 0 for its normal alone.
+    ///
+    /// The normals of a convex edge are those between the normals of the faces beside it, and those of a
+    /// convex vertex the cone of its faces'. A concave edge has none.
+    #[inline]
+    pub fn rise(&self, feature: MeshFeature, direction: DVec3) -> f64 {
+        match feature {
+            MeshFeature::Face(face) => self.faces[face as usize].normal.cross(direction).length(),
+            MeshFeature::Vertex(vertex) => -self.steepest(vertex, -direction),
+            MeshFeature::Edge(edge) => {
+                let [from, to] = self.ends(edge);
+                let along = to - from;
+                let mut rise = direction.dot(along).abs();
+                for &face in self.sides[edge as usize].iter().filter(|face| **face != NONE) {
+                    let Face { edges, inward, .. } = &self.faces[face as usize];
+                    // As long as the edge.
+                    for (_, inward) in edges.iter().zip(inward).filter(|(own, _)| **own == edge) {
+                        rise = rise.max(direction.dot(*inward));
+                    }
+                }
+                rise / along.length()
+            }
+        }
+    }
+
+    /// How sharp a feature is: 0 on a flat part of the surface. For an edge the sine of the angle between the
+    /// normals of its faces, for a vertex that of its steepest edge to its tangent plane.
+    pub fn sharpness(&self, feature: MeshFeature) -> f64 {
+        match feature {
+            MeshFeature::Face(_) => 0.0,
+            MeshFeature::Edge(edge) => {
+                let [a, b] = self.sides[edge as usize];
+                let normal = |face: u32| self.faces[face as usize].normal;
+                if b == NONE { 1.0 } else { normal(a).cross(normal(b)).length() }
+            }
+            MeshFeature::Vertex(vertex) => {
+                let normal = self.normals[vertex as usize];
+                let outgoing = &self.outgoing[self.edges_around.range(vertex)];
+                outgoing.iter().fold(0.0, |most, outgoing| outgoing.dot(normal).abs().max(most))
+            }
+        }
+    }
+
+    /// Distance of a point from those edges of a face that are sharper than `least`, m; infinite without any.
+    pub fn to_sharp_edge(&self, face: u32, p: DVec3, least: f64) -> f64 {
+        let edges = self.faces[face as usize].edges;
+        let sharp = edges.into_iter().filter(|edge| self.sharpness(MeshFeature::Edge(*edge)) >= least);
+        let apart = sharp.map(|edge| {
+            let [from, to] = self.ends(edge);
+            from.lerp(to, self.along(edge, p)).distance(p)
+        });
+        apart.fold(f64::INFINITY, f64::min)
+    }
+
+    /// The edges of a face.
+    pub fn edges_of(&self, face: u32) -> [u32; 3] {
+        self.faces[face as usize].edges
+    }
+
+    /// A face beside a feature.
+    pub fn face_at(&self, feature: MeshFeature) -> u32 {
+        match feature {
+            MeshFeature::Face(face) => face,
+            MeshFeature::Edge(edge) => self.sides[edge as usize][0],
+            MeshFeature::Vertex(vertex) => self.faces_around.of(vertex).first().copied().unwrap_or(0),
+        }
+    }
+
+    /// A direction out of the surface at an edge, between the normals of its faces.
+    pub fn out_of(&self, edge: u32) -> DVec3 {
+        let sides = self.sides[edge as usize].iter().filter(|face| **face != NONE);
+        sides.map(|face| self.faces[*face as usize].normal).sum()
     }
 
     /// The place on vertices and edges nearest to a point of the surface, m.
@@ -384,7 +499,8 @@ impl FeatureMesh {
         }
     }
 
-    fn ends(&self, edge: u32) -> [DVec3; 2] {
+    /// Ends of an edge, m.
+    pub fn ends(&self, edge: u32) -> [DVec3; 2] {
         self.edges[edge as usize].map(|end| self.vertices[end as usize])
     }
 

@@ -121,7 +121,7 @@ fn a_shaft_that_starts_in_a_press_fit_is_free_along_its_hole() {
     let depth = records.last().expect("steps").depth;
     println!("{apart:.1e} m apart, {force:.3} N, {energy:.1e} J, {depth:.1e} m deep");
     assert!(depth > 4e-5, "{depth} m: it is in no press fit");
-    assert!(apart < 2e-4 && force < 0.1, "{apart} m, {force} N along the hole");
+    assert!(apart < 3e-4 && force < 0.3, "{apart} m, {force} N along the hole");
     assert!(energy > -1e-4, "{energy} J");
 }
 

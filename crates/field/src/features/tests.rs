@@ -79,6 +79,81 @@ fn walks_end_at_the_nearest_point() {
     }
 }
 
+/// A walk over more small faces than it may visit ends at the nearest point, too.
+#[test]
+fn long_walks_end_at_the_nearest_point() {
+    let mut rng = StdRng::seed_from_u64(0xFEAE);
+    let mesh = Model::Ellipsoid.generate(20_000).expect("in range");
+    let radius = mesh.bounding_sphere().radius;
+    let (features, exact) = (FeatureMesh::new(&mesh), ExactDistance::new(&mesh));
+    let mut far = 0;
+    for round in 0..2000 {
+        let p = near(&mesh, 1.0, &mut rng);
+        let wanted = exact.nearest(p, 0);
+        let start = rng.random_range(0..mesh.triangles().len());
+        if wanted.distance <= 0.0 || features.faces[start].normal.dot(p - mesh.corners(start)[0]) <= 0.0 {
+            continue;
+        }
+        far += u32::from(mesh.corners(start)[0].distance(wanted.point) > 0.6 * radius);
+        let found = features.walk(p, start as u32);
+        assert!((found.distance - wanted.distance).abs() < 1e-12 * radius, "round {round}: {found:?}");
+    }
+    assert!(far > 20, "{far} walks are long");
+}
+
+/// Only what is nearer than asked is found, and it is the nearest.
+#[test]
+fn searches_of_a_ball_agree_with_those_of_all() {
+    let mut rng = StdRng::seed_from_u64(0xFEAF);
+    let mesh = Model::Gear.generate(3000).expect("in range");
+    let features = FeatureMesh::new(&mesh);
+    let mut none = 0;
+    for round in 0..2000 {
+        let p = near(&mesh, 0.02, &mut rng);
+        let wanted = features.nearest(p);
+        let within = wanted.distance.abs() * rng.random_range(0.5..2.0);
+        match features.nearer(p, within) {
+            Some(found) => assert_eq!(found.distance, wanted.distance, "round {round}"),
+            None => none += 1,
+        }
+        assert_eq!(features.nearer(p, within).is_some(), within > wanted.distance.abs(), "round {round}");
+    }
+    assert!((200..1800).contains(&none), "{none} of nothing");
+}
+
+/// Directions beside a box's features: their normals do not rise, and others by their slope.
+#[test]
+fn directions_rise_outside_of_the_normals_of_features() {
+    let mesh = block(DVec3::splat(2.0));
+    let features = FeatureMesh::new(&mesh);
+    let mut rng = StdRng::seed_from_u64(0xFEB0);
+    let mut outside = 0;
+    for round in 0..3000 {
+        let p = DVec3::new(rng.random_range(-1.5..1.5), rng.random_range(-1.5..1.5), 1.2);
+        let found = features.nearest(p);
+        // The direction from the nearest point is a normal of what that is on, by definition.
+        assert!(features.rise(found.feature, found.normal) < 1e-9, "round {round}: {found:?}");
+        let other = random(&mut rng).normalize();
+        // The steepest way along the box's faces at the point.
+        let inside =
+            |axis: DVec3| if found.point.dot(axis) < 1.0 - 1e-12 { other.dot(axis) } else { f64::MIN };
+        let ways = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z].map(inside);
+        let steepest = ways.into_iter().fold(f64::MIN, f64::max);
+        let rise = features.rise(found.feature, other);
+        assert_eq!(rise > 1e-6, steepest > 1e-6, "round {round}: {found:?}, {other}");
+        outside += u32::from(rise > 1e-6);
+    }
+    assert!(outside > 1000, "{outside} directions are outside");
+    // The diagonal of a face has its normal alone.
+    let flat = (0..features.edges.len() as u32).filter(|edge| !features.is_sharp(*edge));
+    for edge in flat {
+        let normal = features.faces[features.sides[edge as usize][0] as usize].normal;
+        let lean = DQuat::from_axis_angle(normal.any_orthonormal_vector(), 0.1) * normal;
+        assert!(features.rise(MeshFeature::Edge(edge), normal) < 1e-12);
+        assert!(features.rise(MeshFeature::Edge(edge), lean) > 0.05);
+    }
+}
+
 /// A point outside of a convex body is found from any face that faces it.
 #[test]
 fn walks_over_a_convex_body_start_anywhere_in_view() {

@@ -172,6 +172,7 @@ impl ContactGeometry {
                 continue;
             }
             let frames = Frames::new((probe, &mesh), (&object.surface, &object.pose));
+            let own = found.contacts.len();
             for &offset in &near {
                 let index = range.start + usize::from(offset);
                 let (Some(guarded), Some(slack)) =
@@ -179,16 +180,18 @@ impl ContactGeometry {
                 else {
                     continue;
                 };
-                let measured = guarded.measure(&frames);
+                let measured = guarded.measure(&frames, *slack, *margin + reach);
                 let gap = measured.distance - *margin;
-                *slack = gap as f32;
+                // A point that has further to go is measured again in the next step.
+                let known = if measured.is_settled { gap } else { gap.min(reach) };
+                (*slack, guarded.slack) = (known as f32, known as f32);
                 if gap > reach {
-                    found.room = found.room.min(gap - ahead);
+                    found.room = found.room.min(known - ahead);
                     continue;
                 }
                 found.depth = found.depth.max(-measured.distance);
                 let (arm, normal) = (measured.point - state.pose.translation, measured.normal);
-                if found.merge(arm, normal, gap) {
+                if found.merge(own, arm, normal, gap) {
                     continue;
                 }
                 found.push(UnilateralContact {
@@ -369,17 +372,21 @@ impl StepContacts {
         self.is_known = false;
     }
 
-    /// Merges a contact with one that is the same. Returns whether there is one.
+    /// Merges a contact with one that is the same, of those with its own object: from the index `own` on.
+    /// Returns whether there is one.
     #[inline(always)]
-    fn merge(&mut self, arm: DVec3, normal: DVec3, gap: f64) -> bool {
+    fn merge(&mut self, own: usize, arm: DVec3, normal: DVec3, gap: f64) -> bool {
         let same_place = SAME_PLACE * self.radius;
         let is_near = |along: f64| (along - arm.x).abs() < same_place;
-        for (along, contacts) in self.along.iter().zip(self.contacts.chunks_mut(LANES)) {
+        let blocks = self.along.iter().zip(self.contacts.chunks_mut(LANES)).enumerate();
+        for (block, (along, contacts)) in blocks.skip(own / LANES) {
             // Without branches, several are compared at once.
             if !along.iter().fold(false, |any, along| any | is_near(*along)) {
                 continue;
             }
-            for (known, _) in contacts.iter_mut().zip(along).filter(|(_, along)| is_near(**along)) {
+            let others = own.saturating_sub(block * LANES);
+            let near = contacts.iter_mut().zip(along).skip(others);
+            for (known, _) in near.filter(|(_, along)| is_near(**along)) {
                 if known.arm.distance_squared(arm) < same_place * same_place
                     && known.normal.dot(normal) > SAME_NORMAL
                 {
@@ -545,6 +552,30 @@ mod tests {
             }
             let most = 0.01 * heights.into_iter().fold(0.0, f64::max);
             assert!((copy.bound.room - (1.0 - most)).abs() < 1e-12, "{}", copy.bound.room);
+        }
+    }
+
+    /// A place that several points come to is one contact with each object, and not one of all.
+    #[test]
+    fn contacts_with_different_objects_stay_apart() {
+        let contact = |x: f64| UnilateralContact {
+            arm: DVec3::X * x,
+            normal: DVec3::NEG_Z,
+            gap: 1e-6,
+            velocity: DVec3::ZERO,
+            friction: 0.0,
+            impulse: DVec3::ZERO,
+            pushed: None,
+            key: 0,
+        };
+        for count in [1, LANES - 1, LANES, LANES + 1, 3 * LANES] {
+            let mut made = StepContacts { radius: 0.03, ..StepContacts::default() };
+            made.clear();
+            (0..count).for_each(|i| made.push(contact(i as f64)));
+            let last = DVec3::X * (count - 1) as f64;
+            assert!(!made.merge(count, last, DVec3::NEG_Z, 0.0), "{count}: with another object's");
+            assert!(made.merge(count - 1, last, DVec3::NEG_Z, 0.0), "{count}: with its own");
+            assert_eq!(made.contacts.last().map(|contact| contact.gap), Some(0.0));
         }
     }
 

@@ -1,5 +1,7 @@
 //! A point of one surface that must not pass the other.
 
+mod touching_features;
+
 use palpate_core::Pose;
 use palpate_core::glam::{DAffine3, DVec3};
 use palpate_field::{ClosestPoint, FeatureMesh, Leash, Place};
@@ -8,8 +10,9 @@ use palpate_field::{ClosestPoint, FeatureMesh, Leash, Place};
 /// points follow fast motion late.
 const MAX_MOVES: u32 = 3;
 
-/// The same for a point that is new.
-const MAX_FIRST_MOVES: u32 = 32;
+/// The same for a point that is new. With more, queries may take longer over fine meshes; with fewer, less is
+/// known of how far from the other surface it is.
+const MAX_FIRST_MOVES: u32 = 256;
 
 /// Smallest fraction of the way along an edge that a point tries first. With less, points follow motion late.
 const MIN_STRIDE: f32 = 1.0 / 64.0;
@@ -22,13 +25,14 @@ const SHORTER: f64 = 0.25;
 /// Smallest gain in distance for which a point moves, m. With less, rounding moves it.
 const MIN_DESCENT: f64 = 1e-8;
 
-/// Fall of a distance beyond how far the point has moved that is rounding, m. With more, a point moves to
-/// where the far side of a wall looks like a deep overlap.
+/// Fall of a distance relative to how far the point has moved, beyond 1, that is rounding. With more, a point
+/// moves to where the far side of a wall looks like a deep overlap.
 const ROUNDING: f64 = 1e-6;
 
-/// Overlap from which a point is searched for in the whole surface, m. With more, the far side of a wall is
-/// taken for an overlap; with less, a point that overlaps a thin wall may come out on its other side.
-const DEEP: f64 = 5e-5;
+/// Motion, in lengths of an overlap that was searched for in the whole surface, after which it is searched
+/// for again: up to 1, the point is still inside. With more, an overlap that fades is told as deeper than it
+/// is; with less, steps take longer where bodies overlap deeply.
+const TRUSTED: f64 = 0.25;
 
 /// A point on the vertices and edges of one surface, kept where it is nearest to the other.
 #[derive(Clone, Copy, Debug)]
@@ -45,8 +49,10 @@ pub(crate) struct GuardedPoint {
     is_probe: bool,
     /// Fraction of the way along an edge that it tries next.
     stride: f32,
-    /// Distance that the bodies may move before it has to be measured again, m.
+    /// Distance that the bodies may move before it has to be measured again, m: when it was last measured.
     pub slack: f32,
+    /// Distance that the bodies may move before an overlap has to be searched for in the whole surface, m.
+    trust: f32,
 }
 
 /// A guarded point, measured.
@@ -58,6 +64,19 @@ pub(crate) struct Measured {
     pub normal: DVec3,
     /// Signed distance of the surfaces, negative where they overlap, m.
     pub distance: f64,
+    /// Whether no point near it on its own surface is nearer.
+    pub is_settled: bool,
+}
+
+/// Where a descent ends.
+#[derive(Clone, Copy, Debug)]
+struct Descent {
+    /// Position of the point in its own body's frame, m.
+    position: DVec3,
+    /// The point of the other surface nearest to it, in that body's frame.
+    closest: ClosestPoint,
+    /// Whether it has no further to go.
+    is_settled: bool,
 }
 
 /// The surfaces of the body in the hand and of a scene object, at their poses.
@@ -70,6 +89,7 @@ pub(crate) struct Frames<'a> {
 }
 
 /// A point's own surface and the other one, with the transforms into their frames.
+#[derive(Clone, Copy)]
 struct Sides<'a> {
     own: &'a FeatureMesh,
     other: &'a FeatureMesh,
@@ -122,41 +142,66 @@ impl GuardedPoint {
         let home = own.position(&place);
         let face = other.face_near(to_other.transform_point3(home), hint);
         let leash = Leash { home: home.as_vec3(), length: length as f32 };
-        let mut point = Self { place, leash, face, object: index, is_probe, stride: 1.0, slack: 0.0 };
-        point.slack = point.descend(frames, MAX_FIRST_MOVES).1.distance as f32;
+        let mut point =
+            Self { place, leash, face, object: index, is_probe, stride: 1.0, slack: 0.0, trust: 0.0 };
+        point.settle(frames);
         point
     }
 
     /// The point of an earlier query at new poses. `index` is that of the scene object now.
     pub fn resumed(&self, index: u8, frames: &Frames<'_>) -> Self {
-        let mut point = Self { object: index, ..*self };
-        point.slack = point.descend(frames, MAX_FIRST_MOVES).1.distance as f32;
+        // How far the bodies have moved is not known.
+        let mut point = Self { object: index, trust: 0.0, ..*self };
+        point.settle(frames);
         point
     }
 
-    /// Moves the point to where its surface is nearest to the other one, and measures it.
-    #[inline(always)]
-    pub fn measure(&mut self, frames: &Frames<'_>) -> Measured {
-        if let Some((position, closest)) = self.at_rest(frames) {
-            return self.measured(frames, position, &closest);
-        }
-        let (position, closest) = self.descend(frames, MAX_MOVES);
-        self.measured(frames, position, &closest)
+    /// Descends as far as it goes. Should it not end, points near it may be nearer by twice the leash.
+    fn settle(&mut self, frames: &Frames<'_>) {
+        let Descent { closest, is_settled, .. } = self.descend(frames, MAX_FIRST_MOVES, f64::INFINITY);
+        let nearer = if is_settled { 0.0 } else { 2.0 * self.leash.length };
+        let distance = closest.distance as f32;
+        self.slack = distance.min((distance - nearer).max(0.0));
     }
 
-    /// The measurement of a point at a position in its own body's frame (m), given the point of the other
-    /// surface nearest to it, in that body's frame.
+    /// Moves the point to where its surface is nearest to the other one, and measures it. `slack` (m) is what
+    /// the motion since its last measurement has left of its own; contacts beyond a `reach` (m) are not asked
+    /// for.
     #[inline(always)]
-    fn measured(&self, frames: &Frames<'_>, position: DVec3, closest: &ClosestPoint) -> Measured {
-        if self.is_probe {
+    pub fn measure(&mut self, frames: &Frames<'_>, slack: f32, reach: f64) -> Measured {
+        let descent = match self.at_rest(frames) {
+            Some((position, closest)) => {
+                self.trust = 0.0;
+                let descent = Descent { position, closest, is_settled: true };
+                // From a vertex that is the lowest, the direction is a normal of both sides.
+                if matches!(self.place, Place::Vertex(_)) {
+                    return self.measured(frames, &descent);
+                }
+                descent
+            }
+            None => {
+                self.trust -= self.slack - slack;
+                self.descend(frames, MAX_MOVES, slack.into())
+            }
+        };
+        if descent.closest.distance > reach {
+            return self.measured(frames, &descent);
+        }
+        self.touching(frames, &descent)
+    }
+
+    /// The measurement of a point by the direction from the other surface.
+    #[inline(always)]
+    fn measured(&self, frames: &Frames<'_>, descent: &Descent) -> Measured {
+        let Descent { position, closest, is_settled } = *descent;
+        let (point, normal) = if self.is_probe {
             let outward = frames.object.1.transform_vector3(closest.normal);
-            let point = frames.probe.1.transform_point3(position);
-            Measured { point, normal: -outward, distance: closest.distance }
+            (frames.probe.1.transform_point3(position), -outward)
         } else {
             let outward = frames.probe.1.transform_vector3(closest.normal);
-            let point = frames.probe.1.transform_point3(closest.point);
-            Measured { point, normal: outward, distance: closest.distance }
-        }
+            (frames.probe.1.transform_point3(closest.point), outward)
+        };
+        Measured { point, normal, distance: closest.distance, is_settled }
     }
 
     /// The nearest points of both surfaces, in the frames of the probe's and of the object's mesh, m.
@@ -182,47 +227,88 @@ impl GuardedPoint {
         own.is_lowest(&self.place, normal, self.stride.into(), &self.leash).then_some((position, closest))
     }
 
-    /// Moves the point down, in at most so many moves. Returns its position in its own body's frame (m), and
-    /// the point of the other surface nearest to it, in that body's frame.
+    /// Moves the point down, in at most so many moves. Its distance is known to be at least `least` (m), but
+    /// for overlaps that were not there.
     ///
-    /// A walk over faces may end on the far side of a wall, which looks like a deep overlap. So where a point
-    /// seems to overlap, its distance is searched for in the whole surface; and since a distance falls by no
-    /// more than the point has moved, a move on which it falls by more is not made.
-    fn descend(&mut self, frames: &Frames<'_>, moves: u32) -> (DVec3, ClosestPoint) {
-        let Sides { own, other, to_other, to_own } = frames.sides(self.is_probe);
-        let checked = |position: DVec3, found: ClosestPoint| {
-            if found.distance > -DEEP {
-                return found;
-            }
-            let nearest = other.nearest(to_other.transform_point3(position));
-            if nearest.distance > found.distance + ROUNDING { nearest } else { found }
-        };
+    /// A walk over faces may end on the far side of a wall, which looks like an overlap. Since a distance
+    /// falls by no more than the point has moved, a move on which it falls by more is not made.
+    fn descend(&mut self, frames: &Frames<'_>, moves: u32, least: f64) -> Descent {
+        let sides = frames.sides(self.is_probe);
+        let Sides { own, other, to_other, to_own } = sides;
         let mut position = own.position(&self.place);
-        let mut closest = checked(position, other.walk(to_other.transform_point3(position), self.face));
-        let mut stride = self.stride;
+        let mut closest = other.walk(to_other.transform_point3(position), self.face);
+        closest = self.checked(&sides, position, closest, least);
+        let (mut stride, mut is_settled, mut is_moved) = (self.stride, false, false);
         for _ in 0..moves {
             let normal = to_own.transform_vector3(closest.normal);
-            let Some(place) = own.descend(&self.place, normal, stride.into(), &self.leash) else { break };
+            let Some(place) = own.descend(&self.place, normal, stride.into(), &self.leash) else {
+                is_settled = true;
+                break;
+            };
             let next = own.position(&place);
             let found = other.walk(to_other.transform_point3(next), closest.face);
             let way = next - position;
             let fallen = closest.distance - found.distance;
-            if fallen > ROUNDING && fallen * fallen > (1.0 + ROUNDING) * way.length_squared() {
+            if fallen > 0.0 && fallen * fallen > (1.0 + ROUNDING) * way.length_squared() {
+                is_settled = true;
                 break;
             }
             if fallen < MIN_DESCENT {
                 let normals = [normal, to_own.transform_vector3(found.normal)];
-                let Some(share) = self.share(&place, &closest, &found, normals, way) else { break };
+                let Some(share) = self.share(&place, &closest, &found, normals, way) else {
+                    is_settled = true;
+                    break;
+                };
                 stride *= share;
                 continue;
             }
             stride = (LONGER * stride).min(1.0);
+            self.trust -= way.length() as f32;
+            is_moved = true;
             (self.place, position, closest) = (place, next, found);
         }
-        closest = checked(position, closest);
+        if is_moved {
+            closest = self.checked(&sides, position, closest, f64::NEG_INFINITY);
+        }
         self.stride = stride.max(MIN_STRIDE);
         self.face = closest.face;
-        (position, closest)
+        Descent { position, closest, is_settled }
+    }
+
+    /// What a walk from a position (m) has found, if it is no overlap, or one that is there: an overlap that
+    /// is new, or has moved by a share of its depth, is searched for in the whole surface. Where that is
+    /// nearer on another side of a wall, the point still is on the side on which it came in: there, it is at
+    /// no less than a distance `least` (m).
+    #[inline(always)]
+    fn checked(
+        &mut self,
+        sides: &Sides<'_>,
+        position: DVec3,
+        found: ClosestPoint,
+        least: f64,
+    ) -> ClosestPoint {
+        if found.distance >= 0.0 {
+            self.trust = 0.0;
+            return found;
+        }
+        if self.trust > 0.0 && found.distance >= least {
+            return found;
+        }
+        self.searched(sides, position, found, least)
+    }
+
+    #[inline(never)]
+    fn searched(
+        &mut self,
+        sides: &Sides<'_>,
+        position: DVec3,
+        found: ClosestPoint,
+        least: f64,
+    ) -> ClosestPoint {
+        let at = sides.to_other.transform_point3(position);
+        let nearest = sides.other.nearer(at, -found.distance).unwrap_or(found);
+        self.trust = (TRUSTED * -nearest.distance).max(0.0) as f32;
+        if nearest.distance < 0.0 && found.distance >= least { found } else { nearest }
     }
 
     /// The share to try of a way (m) to a place that is no lower; `None` if nothing lower is expected there.

@@ -1,0 +1,196 @@
+//! Which features of two surfaces touch near a guarded point, and along which normal.
+//!
+//! Where surfaces touch, the direction between them is a normal of the features on both sides: that of a
+//! face, one between those of the faces beside an edge, or in the cone of those around a vertex. Else one of
+//! both has a nearer place. A guarded point stays on the vertices and edges of its own surface, so that its
+//! nearest point may be off such a place: at an edge inside a flat floor ahead of a body that slides over it,
+//! say, the nearest is the body's lower edge in front. A contact along that direction would hold the body in
+//! its way (an internal edge or ghost collision), where it just slides over the floor.
+//!
+//! So each direction is held against the normals of the features on both sides ([`FeatureMesh::rise`]). Where
+//! it is not one of them, the features are sought that touch: two edges touch along the normal of both,
+//! wherever on them the point has come to rest; else the nearest points of both surfaces are taken in turn.
+//! Should neither find any, the surfaces touch elsewhere, where the point's leash or the lack of edges keeps it
+//! from. A sharp feature then is held as it is, as a place of the body that may not pass the other one. So is a
+//! point in a flat part of its surface, unless it is the other surface that ends nearby: then that one's
+//! nearest point may not pass the plane of this one, which goes on.
+
+use palpate_core::glam::DVec3;
+use palpate_field::{ClosestPoint, FeatureMesh, MeshFeature, Place};
+
+use super::{Descent, Frames, GuardedPoint, Measured, Sides};
+
+/// Slope up to which a direction is a normal of a feature: twice that at which points leave a vertex. With
+/// more, surfaces are pushed sideways by that share of the contact force; with less, points at rest are off
+/// the features that touch.
+const LEVEL: f64 = 2e-3;
+
+/// Slope beyond the normals of a feature, relative to its sharpness, up to which it stands for another one
+/// nearby. With more, surfaces are pushed sideways at edges inside bent faces; with less, points on leashes do
+/// not hold what touches beside them.
+const BLUNT: f64 = 2.0;
+
+/// Number of moves that a point tries beyond those of each step where it is not yet at features that touch.
+/// With fewer, features that it only passes are taken for such; with more, steps may take longer.
+const MAX_FURTHER_MOVES: u32 = 16;
+
+/// Largest depth of crossing edges relative to that of the point. With less, the edges of sharp wedges do not
+/// cross; with more, edges on other sides of the bodies do.
+const MAX_CROSSING: f64 = 4.0;
+
+/// Number of times that the nearest points are taken in turn. With fewer, edges that nearly lie along each
+/// other are not held; with more, steps take longer.
+const TURNS: u32 = 4;
+
+/// Sine of the angle between edges from which they cross. With less, the normal of both is rounding.
+const CROSSING: f64 = 1e-3;
+
+/// Points of both surfaces that touch, in the frame of the guarded point's own body.
+#[derive(Clone, Copy, Debug)]
+struct Pair {
+    /// The point on its own surface, m.
+    own: DVec3,
+    /// The one on the other surface, m.
+    other: DVec3,
+    /// Unit normal out of its own surface.
+    normal: DVec3,
+    /// Signed distance along it, m.
+    distance: f64,
+}
+
+impl GuardedPoint {
+    /// The measurement of a point at the features that touch.
+    #[inline(never)]
+    pub(super) fn touching(&mut self, frames: &Frames<'_>, descent: &Descent) -> Measured {
+        let sides = frames.sides(self.is_probe);
+        let outward = |descent: &Descent| -sides.to_own.transform_vector3(descent.closest.normal);
+        let (mut descent, mut rise) = (*descent, sides.own.rise(self.place.into(), outward(descent)));
+        if rise > LEVEL && !descent.is_settled {
+            descent = self.descend(frames, MAX_FURTHER_MOVES, f64::NEG_INFINITY);
+            rise = sides.own.rise(self.place.into(), outward(&descent));
+        }
+        let measured = self.measured(frames, &descent);
+        if rise <= LEVEL {
+            return measured;
+        }
+        let pair = self.crossing(&sides, &descent).or_else(|| self.in_turn(&sides, &descent));
+        let least = rise / BLUNT;
+        let is_held = descent.closest.distance < 0.0 || least <= sides.own.sharpness(self.place.into());
+        let Some(pair) = pair.or_else(|| if is_held { None } else { self.facing(&sides, &descent, least) })
+        else {
+            return measured;
+        };
+        let Pair { own, other, normal, distance } = pair;
+        let (point, normal) = if self.is_probe {
+            let probe = &frames.probe.1;
+            (probe.transform_point3(own), probe.transform_vector3(normal))
+        } else {
+            let object = &frames.object.1;
+            (object.transform_point3(other), -object.transform_vector3(normal))
+        };
+        Measured { point, normal, distance, ..measured }
+    }
+
+    /// The points where the edge that the point is on crosses one that is nearest, or beside the face that
+    /// is.
+    fn crossing(&self, sides: &Sides<'_>, descent: &Descent) -> Option<Pair> {
+        let Descent { position, closest, .. } = *descent;
+        let Place::Edge(edge, _) = self.place else { return None };
+        match closest.feature {
+            MeshFeature::Edge(other) => {
+                // No further from each other than the point is.
+                let found = crossing_of(sides, edge, other)?;
+                (found.distance.abs() <= (1.0 + LEVEL) * closest.distance.abs()).then_some(found)
+            }
+            MeshFeature::Face(face) if closest.distance < 0.0 => {
+                let found = sides.other.edges_of(face).map(|other| crossing_of(sides, edge, other));
+                // That of the overlap, and not of other sides of both bodies.
+                let deepest = MAX_CROSSING * closest.distance;
+                let is_there = |pair: &Pair| {
+                    let depth = -pair.distance;
+                    (0.0..=-deepest).contains(&depth) && pair.own.distance_squared(position) <= depth * depth
+                };
+                let found = found.into_iter().flatten().filter(is_there);
+                found.max_by(|a, b| a.distance.total_cmp(&b.distance))
+            }
+            _ => None,
+        }
+    }
+
+    /// The other surface's nearest point with its own nearest on this surface, which is flat there, if it is
+    /// the other one that ends nearby, at an edge sharper than `least`.
+    fn facing(&self, sides: &Sides<'_>, descent: &Descent, least: f64) -> Option<Pair> {
+        let Sides { own, other, to_own, .. } = *sides;
+        let there = descent.closest;
+        let at = to_own.transform_point3(there.point);
+        let here = own.walk(at, own.face_at(self.place.into()));
+        let ends = other.to_sharp_edge(there.face, there.point, least);
+        let ClosestPoint { point, normal, distance, face, .. } = here;
+        let is_other = ends <= own.to_sharp_edge(face, point, least);
+        is_other.then_some(Pair { own: point, other: at, normal, distance })
+    }
+
+    /// The points at which the nearest of each surface, taken in turn, end.
+    fn in_turn(&self, sides: &Sides<'_>, descent: &Descent) -> Option<Pair> {
+        let Sides { own, other, to_own, to_other } = *sides;
+        let (mut there, mut feature) = (descent.closest, MeshFeature::from(self.place));
+        for _ in 0..TURNS {
+            let at = to_own.transform_point3(there.point);
+            let here = own.walk(at, own.face_at(feature));
+            feature = here.feature;
+            let inward = -to_other.transform_vector3(here.normal);
+            if other.rise(there.feature, inward) <= LEVEL {
+                let ClosestPoint { point, normal, distance, .. } = here;
+                return Some(Pair { own: point, other: at, normal, distance });
+            }
+            if there.distance < 0.0 || here.distance < 0.0 {
+                // Inside, the nearest points lead out of an overlap, and not to where it is deepest.
+                return None;
+            }
+            if let (MeshFeature::Edge(edge), MeshFeature::Edge(beyond)) = (feature, there.feature)
+                && let Some(pair) = crossing_of(sides, edge, beyond)
+                && pair.distance.abs() <= (1.0 + LEVEL) * here.distance
+            {
+                return Some(pair);
+            }
+            there = other.walk(to_other.transform_point3(here.point), there.face);
+            let normal = -to_own.transform_vector3(there.normal);
+            if own.rise(feature, normal) <= LEVEL {
+                let other = to_own.transform_point3(there.point);
+                return Some(Pair { own: here.point, other, normal, distance: there.distance });
+            }
+        }
+        None
+    }
+}
+
+/// The points at which two edges, of the guarded point's own surface and of the other one, cross, if the
+/// normal of both edges is one of both surfaces there.
+fn crossing_of(sides: &Sides<'_>, edge: u32, other_edge: u32) -> Option<Pair> {
+    let Sides { own, other, to_own, to_other } = *sides;
+    let [a, b] = own.ends(edge);
+    let [c, d] = other.ends(other_edge).map(|end| to_own.transform_point3(end));
+    let (u, v, w) = (b - a, d - c, a - c);
+    let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
+    let both = u.cross(v);
+    let square = both.length_squared();
+    if square <= CROSSING * CROSSING * uu * vv {
+        return None;
+    }
+    let (uw, vw) = (u.dot(w), v.dot(w));
+    let (s, t) = ((uv * vw - vv * uw) / square, (uu * vw - uv * uw) / square);
+    if !(0.0..=1.0).contains(&s) || !(0.0..=1.0).contains(&t) {
+        return None;
+    }
+    let normal = both / square.sqrt();
+    let normal = if normal.dot(own.out_of(edge)) < 0.0 { -normal } else { normal };
+    let inward = -to_other.transform_vector3(normal);
+    let is_normal = |surface: &FeatureMesh, edge: u32, normal: DVec3| {
+        surface.rise(MeshFeature::Edge(edge), normal) <= LEVEL
+    };
+    if !is_normal(own, edge, normal) || !is_normal(other, other_edge, inward) {
+        return None;
+    }
+    let (own, other) = (a + u * s, c + v * t);
+    Some(Pair { own, other, normal, distance: normal.dot(other - own) })
+}
