@@ -65,21 +65,27 @@ impl GuardedPoint {
         let sides = frames.sides(self.is_probe);
         let outward = |descent: &Descent| -sides.to_own.transform_vector3(descent.closest.normal);
         let (mut descent, mut rise) = (*descent, sides.own.rise(self.place.into(), outward(descent)));
-        if rise > LEVEL && !descent.is_settled {
+        // A sharp feature over a face may not pass that, wherever its leash has stopped it.
+        let is_over_face = |descent: &Descent| {
+            descent.closest.distance >= 0.0 && matches!(descent.closest.feature, MeshFeature::Face(_))
+        };
+        let is_sharp = |point: &Self, rise: f64| rise <= BLUNT * sides.own.sharpness(point.place.into());
+        if rise <= LEVEL || (is_over_face(&descent) && is_sharp(self, rise)) {
+            return self.measured(frames, &descent);
+        }
+        if !descent.is_settled {
             descent = self.descend(frames, MAX_FURTHER_MOVES, f64::NEG_INFINITY);
             rise = sides.own.rise(self.place.into(), outward(&descent));
         }
         let measured = self.measured(frames, &descent);
-        if rise <= LEVEL {
+        let is_held = is_sharp(self, rise);
+        if rise <= LEVEL || (is_over_face(&descent) && is_held) {
             return measured;
         }
         let pair = self.crossing(&sides, &descent).or_else(|| self.in_turn(&sides, &descent));
-        let least = rise / BLUNT;
-        let is_held = descent.closest.distance < 0.0 || least <= sides.own.sharpness(self.place.into());
-        let Some(pair) = pair.or_else(|| if is_held { None } else { self.facing(&sides, &descent, least) })
-        else {
-            return measured;
-        };
+        let is_held = is_held || descent.closest.distance < 0.0;
+        let facing = || if is_held { None } else { self.facing(&sides, &descent, rise / BLUNT) };
+        let Some(pair) = pair.or_else(facing) else { return measured };
         let Pair { own, other, normal, distance } = pair;
         let (point, normal) = if self.is_probe {
             let probe = &frames.probe.1;
