@@ -247,9 +247,10 @@ pub struct TimingSettings {
     /// Rate of the haptic loop, Hz.
     pub rate: f64,
     /// Age of the newest contact model at which the wrench begins to fade out, s. It is zero 50 ms later, or
-    /// at twice this age where that is sooner, and fades in over the same time. It also fades when the
-    /// object has moved, from where its contacts were found, by more than half its bounding radius and
-    /// by more than 1 cm at the device.
+    /// at twice this age where that is sooner, and fades in over the same time. Constraints of surfaces that
+    /// all stand still hold for 0.5 s if that is longer: the object does not leave the region that they
+    /// cover. With penalty contacts, it also fades when the object has moved, from where these were found, by
+    /// more than half its bounding radius and by more than 1 cm at the device.
     pub contact_timeout: f64,
     /// Time over which the wrench rises from zero, s: after the start, wherever the object then is, and
     /// after a failure of the device or of a step. With the clutch, it falls and rises over the same

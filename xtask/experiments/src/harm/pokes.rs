@@ -1,7 +1,8 @@
 //! Pokes: tips, pips, blades, edges and corners that go at a flat slab, for a few contact intervals each, and
 //! a search for the pose, phase of the queries, speed, rate and shape that goes deepest.
 //!
-//! The depth is exact without any query: that of the probe's lowest corner below the slab's plane.
+//! The depth is exact without any query: how far the probe's corners are below the slab's plane and within its
+//! sides.
 
 use std::sync::OnceLock;
 
@@ -286,9 +287,9 @@ impl Poke {
             touched |= record.contact.force != DVec3::ZERO;
             finite &= record.object.is_valid() && record.contact.is_finite() && record.coupling.is_finite();
             let corners = shape.corners.iter().map(|corner| record.object.transform_point(*corner));
-            // Beside the slab nothing holds them.
-            let over = corners.filter(|corner| corner.truncate().abs().cmple(shape.half).all());
-            let depth = -over.map(|corner| corner.z).fold(f64::INFINITY, f64::min);
+            // Beside the slab nothing holds them, and at its sides they are in it by how far they are within.
+            let within = |corner: DVec3| (shape.half - corner.truncate().abs()).min_element();
+            let depth = corners.map(|corner| within(corner).min(-corner.z)).fold(f64::NEG_INFINITY, f64::max);
             if depth > deepest {
                 (deepest, when) = (depth, now);
             }
