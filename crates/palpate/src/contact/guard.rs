@@ -73,6 +73,8 @@ pub(super) struct Start {
     /// Distance from the other surface, and by how much that may be off, m.
     distance: f32,
     apart: f32,
+    /// Lower bound on the distance of the features that it stands for, m.
+    least: f32,
     /// Hint for a search of the other surface from there.
     hint: u32,
     /// Place on the body in the hand, in its axes, m.
@@ -164,9 +166,22 @@ impl Start {
         let axis = direction.abs().max_position();
         let side = 2 * axis as u8 + u8::from(direction[axis] < 0.0);
         let NearFeature { place, is_probe, is_tip, hint, .. } = *near;
-        let [distance, apart, leash] = [near.distance, near.apart, near.stands_for].map(|of| of as f32);
+        let NearFeature { distance, apart, least, leash, .. } = *near;
+        let [distance, apart, least, leash] = [distance, apart, least, leash].map(|of| of as f32);
         let object = (0, place_of_object as u16);
-        Self { on: place, is_probe, is_tip, object, side, leash, distance, apart, hint, at: at.as_vec3() }
+        Self {
+            on: place,
+            is_probe,
+            is_tip,
+            object,
+            side,
+            leash,
+            distance,
+            apart,
+            least,
+            hint,
+            at: at.as_vec3(),
+        }
     }
 
     /// A key for the feature itself, which no cell has.
@@ -181,7 +196,7 @@ impl Start {
 
     /// A lower bound on the distance of the features that it stands for, m.
     pub fn least(&self) -> f64 {
-        f64::from(self.distance) - f64::from(self.apart) - f64::from(self.leash)
+        self.least.into()
     }
 
     /// The cell. Those that are 4096 edges apart have the same key.

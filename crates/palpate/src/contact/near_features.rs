@@ -57,8 +57,10 @@ pub(super) struct NearFeature {
     /// Its distance from the other surface, and by how much that may be off, m.
     pub distance: f64,
     pub apart: f64,
-    /// Distance within which it stands for other features, m.
-    pub stands_for: f64,
+    /// Lower bound on the distance of what it stands for, m.
+    pub least: f64,
+    /// Distance within which its point may move from it, m.
+    pub leash: f64,
     /// Hint for a search of the other surface from there.
     pub hint: u32,
 }
@@ -267,10 +269,11 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
             if self.is_out(least, node.radius) {
                 self.room = self.room.min(least);
             } else if node.children.is_empty() {
-                self.pass_vertex(node, &readings[index as usize], extent);
+                self.pass_vertex(node, &readings[index as usize], (least, extent));
             } else if least <= self.reaches.reach && self.is_one(node, least) {
                 let nearest = self.nearest_below(nodes, index, readings);
-                self.pass_vertex(&nodes[nearest as usize], &readings[nearest as usize], node.radius);
+                let size = (least, node.radius);
+                self.pass_vertex(&nodes[nearest as usize], &readings[nearest as usize], size);
             } else {
                 let hint = readings[index as usize].hint;
                 stack.extend(with_hint(node, readings, hint));
@@ -278,7 +281,7 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
         }
     }
 
-    fn pass_vertex(&mut self, node: &FeatureNode, reading: &Reading, stands_for: f64) {
+    fn pass_vertex(&mut self, node: &FeatureNode, reading: &Reading, (least, leash): (f64, f64)) {
         let (distance, apart) = self.known(reading);
         let place = Place::Vertex(node.feature);
         let near = NearFeature {
@@ -288,7 +291,8 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
             point: node.center,
             distance,
             apart,
-            stands_for,
+            least,
+            leash,
             hint: reading.hint,
         };
         (self.to)(&near);
@@ -364,8 +368,9 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
                 self.room = self.room.min(least);
             } else if 2.0 * half <= self.reaches.edge.max(least) {
                 let place = self.own.place_at(node.feature, share);
-                let (is_probe, is_tip, stands_for, hint) = (self.is_probe, false, half, readings[part].hint);
-                let near = NearFeature { place, is_probe, is_tip, point, distance, apart, stands_for, hint };
+                let (is_probe, is_tip, leash, hint) = (self.is_probe, false, half, readings[part].hint);
+                let near =
+                    NearFeature { place, is_probe, is_tip, point, distance, apart, least, leash, hint };
                 let normal = self.other.normal_of(hint);
                 run.add(near, normal, FLAT_STEP * self.reaches.edge, &mut self.to);
             } else {
@@ -394,7 +399,7 @@ impl FlatRun {
         let gap = |from: &NearFeature| from.point.distance(near.point);
         let last = self.waiting.or(self.passed);
         let goes_on = self.normal.dot(normal) > FLAT
-            && last.is_some_and(|last| gap(&last) <= 2.0 * (near.stands_for + last.stands_for));
+            && last.is_some_and(|last| gap(&last) <= 2.0 * (near.leash + last.leash));
         if goes_on && self.passed.is_some_and(|passed| gap(&passed) < step) {
             self.waiting = Some(near);
             return;
@@ -413,10 +418,10 @@ impl FlatRun {
         }
     }
 
-    /// Passes on a part, which stands for those up to a length (m) from it.
+    /// Passes on a part, whose point may move along the edge by a length (m).
     fn pass(&mut self, near: NearFeature, length: f64, to: &mut impl FnMut(&NearFeature)) {
         self.passed = Some(near);
-        to(&NearFeature { stands_for: near.stands_for.max(length), ..near });
+        to(&NearFeature { leash: near.leash.max(length), ..near });
     }
 }
 

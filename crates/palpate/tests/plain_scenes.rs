@@ -1,0 +1,238 @@
+//! Plain scenes with contacts as constraints: many objects, tips that go at a face, free air, late contacts.
+//! Each is held against where the surfaces are by geometry.
+#![expect(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
+
+use std::f64::consts::TAU;
+
+use palpate::device::{Emulation, IntendedPath};
+use palpate::glam::{DQuat, DVec3};
+use palpate::settings::{ContactSearch, ContactSettings, Response, SearchSettings};
+use palpate::{ContactTiming, Events, HapticRenderer, Object, Pose, Record, Scene, Settings, TriMesh, Twist};
+
+/// Largest overlap, m.
+const OVERLAP: f64 = 2e-5;
+
+fn object(vertices: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Object {
+    Object::from_mesh("solid", &TriMesh::new(vertices, triangles).expect("a mesh")).expect("an object")
+}
+
+/// A box with these edges about the origin, m.
+fn block(edges: DVec3) -> Object {
+    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
+    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    object((0..8).map(|i| corner(i) * edges).collect(), triangles)
+}
+
+/// Two pyramids of `sides` sides with a radius and heights (m) above and below the plane z = 0.
+fn spindle(sides: u32, radius: f64, (above, below): (f64, f64)) -> Object {
+    let rim =
+        (0..sides).map(|i| DQuat::from_rotation_z(TAU * f64::from(i) / f64::from(sides)) * DVec3::X * radius);
+    let mut vertices = vec![DVec3::NEG_Z * below, DVec3::Z * above];
+    vertices.extend(rim);
+    let at = |i: u32| 2 + i % sides;
+    let triangles = (0..sides).flat_map(|i| [[0, at(i + 1), at(i)], [1, at(i), at(i + 1)]]).collect();
+    object(vertices, triangles)
+}
+
+/// A plate of 100 × 100 × 20 mm with a cone of 10 mm under its middle: one surface, whose tip is the origin.
+fn plate_with_a_cone() -> Object {
+    let sides = 16;
+    let rim = |half: f64, z: f64| {
+        (0..sides).map(move |i| {
+            let (sin, cos) = (TAU * (f64::from(i) + 0.5) / f64::from(sides)).sin_cos();
+            let most = cos.abs().max(sin.abs());
+            DVec3::new(half * cos / most, half * sin / most, z)
+        })
+    };
+    let cone = (0..sides).map(|i| {
+        let (sin, cos) = (TAU * (f64::from(i) + 0.5) / f64::from(sides)).sin_cos();
+        DVec3::new(0.002 * cos, 0.002 * sin, 0.01)
+    });
+    // Tip, cone, lower and upper rim of the plate, middle of its top.
+    let mut vertices = vec![DVec3::ZERO];
+    vertices.extend(cone.chain(rim(0.05, 0.01)).chain(rim(0.05, 0.03)));
+    vertices.push(DVec3::Z * 0.03);
+    let at = |ring: u32, i: u32| 1 + ring * sides + i % sides;
+    let last = 1 + 3 * sides;
+    let triangles = (0..sides).flat_map(|i| {
+        let walls = [0, 1].map(|ring| {
+            let (a, b) = (at(ring, i), at(ring, i + 1));
+            let (c, d) = (at(ring + 1, i), at(ring + 1, i + 1));
+            [[a, b, d], [a, d, c]]
+        });
+        let ends = [[0, at(0, i + 1), at(0, i)], [last, at(2, i), at(2, i + 1)]];
+        ends.into_iter().chain(walls.into_iter().flatten())
+    });
+    object(vertices, triangles.collect())
+}
+
+fn path(f: impl Fn(f64) -> DVec3 + Send + 'static) -> IntendedPath {
+    IntendedPath::function(move |time| {
+        let linear = (f(time + 5e-5) - f(time - 5e-5)) / 1e-4;
+        (Pose::from_translation(f(time)), Twist { linear, angular: DVec3::ZERO })
+    })
+}
+
+/// Settings with a response, without distance fields, which constraints do not use.
+fn settings(response: Response) -> Settings {
+    Settings {
+        contact: ContactSettings { response, ..ContactSettings::default() },
+        search: SearchSettings { method: ContactSearch::Levels, ..SearchSettings::default() },
+        ..Settings::default()
+    }
+}
+
+/// Records and events of a hand that moves a probe by a path in a scene, with contacts at a rate (Hz).
+fn session(
+    probe: &Object,
+    scene: &[(Object, DVec3)],
+    hand: impl Fn(f64) -> DVec3 + Send + 'static,
+    response: Response,
+    (rate, seconds): (f64, f64),
+) -> (Vec<Record>, Events) {
+    let device = Emulation::default().open(path(hand)).expect("an emulation");
+    let placed = scene
+        .iter()
+        .fold(Scene::new(), |scene, (object, at)| scene.with(object.clone(), Pose::from_translation(*at)));
+    let renderer = HapticRenderer::new(probe.clone(), placed, Box::new(device), settings(response));
+    let mut session = renderer.expect("a session").lockstep(ContactTiming::busy(rate));
+    let records = (0..(seconds * 1e3) as u32).map(|_| session.step_device()).collect();
+    let events = session.events();
+    (records, events)
+}
+
+/// Spindles in a square grid with their tips at z = 0, as many as given.
+fn bed(count: u32, apart: f64) -> Vec<(Object, DVec3)> {
+    let side = f64::from(count).sqrt().ceil() as u32;
+    let spindle = spindle(8, 0.4 * apart, (0.4 * apart, 0.4 * apart));
+    let middle = 0.5 * f64::from(side - 1);
+    let at = |i: u32| DVec3::new(f64::from(i % side) - middle, f64::from(i / side) - middle, -0.4) * apart;
+    (0..count).map(|i| (spindle.clone(), at(i))).collect()
+}
+
+/// Down onto the bed, along it and away again.
+fn over_a_bed(time: f64) -> DVec3 {
+    let down = 0.014 * ((time - 0.2) / 0.3).clamp(0.0, 1.0) - 0.012 * ((time - 1.4) / 0.3).clamp(0.0, 1.0);
+    DVec3::new(0.004 * ((time - 0.8) / 0.4).clamp(0.0, 1.0), 0.0, 0.022 - down)
+}
+
+/// A plate is laid on many objects at once: none is passed, and it comes away from them. More than there is
+/// room for hold it back at most.
+#[test]
+fn any_number_of_objects_is_felt() {
+    let plate = block(DVec3::new(0.08, 0.08, 0.02));
+    for (count, lag) in [(8, 1e-4), (9, 1e-4), (40, 1e-4), (64, 1e-4), (100, 1e-2)] {
+        let (records, events) =
+            session(&plate, &bed(count, 0.007), over_a_bed, Response::Constraints, (200.0, 2.2));
+        let lowest = records.iter().map(|r| r.object.translation.z).fold(f64::INFINITY, f64::min);
+        let pressed = records[700].coupling.force.z;
+        let aside = records[1300].object.translation.x;
+        let left = records[1900..].iter().map(|r| (r.object.translation - r.handle.translation).length());
+        let left = left.fold(0.0, f64::max);
+        println!("{count}: {lowest:.6} m, {pressed:.2} N, {aside:.4} m aside, {left:.1e} m behind");
+        assert!(lowest > 0.01 - OVERLAP, "{count}: {lowest} m is in the objects");
+        assert!(pressed > 0.1, "{count}: {pressed} N");
+        assert!(left < lag, "{count}: {left} m behind");
+        assert!(count > 64 || (aside - 0.004).abs() < 3e-4, "{count}: {aside} m aside");
+        assert!((events.contact_overflow > 0) == (count > 64), "{count}: what is left out is counted");
+    }
+    // Negative control: without objects the hand carries it lower.
+    let (records, _) = session(&plate, &[], over_a_bed, Response::Constraints, (200.0, 0.8));
+    assert!(records[700].object.translation.z < 0.009, "the hand does not press");
+}
+
+/// Tips go straight at a flat face, with contacts at any rate and in any phase.
+#[test]
+fn tips_do_not_enter_a_face() {
+    let tips = [plate_with_a_cone(), spindle(12, 0.03, (0.004, 0.02)), spindle(3, 0.002, (0.02, 0.01))];
+    let below = [0.0, 0.02, 0.01];
+    let slab = [(block(DVec3::new(0.3, 0.3, 0.02)), DVec3::Z * -0.01)];
+    let mut worst = f64::NEG_INFINITY;
+    for (tip, below) in tips.iter().zip(below) {
+        for (index, rate) in [30.0, 47.0, 100.0, 333.0, 1000.0].into_iter().enumerate() {
+            for speed in [0.1, 0.4, 1.0, 2.0] {
+                let start = 0.3 + 0.0031 * index as f64;
+                let height = move |time: f64| {
+                    let gone = speed * (time - start).max(0.0);
+                    DVec3::Z * (below + (0.03 - gone).max(-0.003))
+                };
+                let seconds = start + 0.04 / speed + 0.4;
+                let (records, _) = session(tip, &slab, height, Response::Constraints, (rate, seconds));
+                let lowest =
+                    records.iter().map(|r| r.object.translation.z - below).fold(f64::INFINITY, f64::min);
+                worst = worst.max(-lowest);
+                assert!(lowest > -OVERLAP, "{rate} Hz, {speed} m/s: {lowest} m");
+                assert!(lowest < 1e-4, "{rate} Hz, {speed} m/s: it stays {lowest} m above");
+            }
+        }
+    }
+    println!("deepest {worst:.1e} m");
+    let down = |time: f64| DVec3::Z * (0.03 - 2.0 * (time - 0.3).max(0.0)).max(-0.003);
+    let (records, _) = session(&tips[0], &slab, down, Response::Penalty, (30.0, 0.5));
+    assert!(records.iter().any(|r| r.object.translation.z < -OVERLAP), "with penalties nothing is shown");
+}
+
+/// Far from all surfaces nothing waits, whatever the size of the probe and the rate of contacts: the hand
+/// feels the same inertia as with contacts in each step.
+#[test]
+fn free_air_is_free() {
+    let floor = [(block(DVec3::new(1.0, 1.0, 0.02)), DVec3::Z * -0.01)];
+    for (size, height, far) in [(0.002, 0.1, 0.04), (0.003, 0.16, 0.08), (0.05, 0.16, 0.08), (0.5, 0.7, 0.3)]
+    {
+        let probe = block(DVec3::splat(size));
+        // Up to 2 m/s.
+        let period = f64::max(0.3, TAU * far / 2.0);
+        let hand =
+            move |time: f64| DVec3::new(far * (TAU * (time - 0.3).max(0.0) / period).sin(), 0.0, height);
+        let forces: Vec<f64> = [1000.0, 100.0, 50.0, 30.0]
+            .into_iter()
+            .map(|rate| {
+                let (records, events) = session(&probe, &floor, hand, Response::Constraints, (rate, 1.0));
+                assert_eq!((events.waited, events.faded), (0, 0), "{size} m, {rate} Hz");
+                records.iter().map(|r| r.coupling.force.length()).fold(0.0, f64::max)
+            })
+            .collect();
+        println!("{size} m: {forces:.3?} N");
+        for force in &forces {
+            assert!((force - forces[0]).abs() < 0.02 + 0.02 * forces[0], "{size} m: {forces:?} N");
+        }
+    }
+}
+
+/// With twenty contact queries a second and fewer, the object is felt where it is, and nothing drags it before.
+#[test]
+fn late_contacts_are_felt_where_they_are() {
+    let (ball, sheet) = (spindle(24, 0.01, (0.01, 0.01)), block(DVec3::new(0.1, 0.1, 0.002)));
+    let scene = [(sheet, DVec3::Z * -0.001)];
+    let hand = |time: f64| DVec3::Z * (0.02 - 0.0115 * (time / 2.0).min(1.0));
+    for rate in [35.0, 28.0, 20.0] {
+        let (records, events) = session(&ball, &scene, hand, Response::Constraints, (rate, 2.5));
+        let touches = records.iter().position(|r| r.contact.force.length() > 1e-3).expect("it touches");
+        let before = records[..touches].iter().map(|r| r.coupling.force.length()).fold(0.0, f64::max);
+        let last = records.last().expect("steps");
+        println!(
+            "{rate} Hz: {before:.3} N before, {:.3} N after, {} faded",
+            last.coupling.force.z, events.faded
+        );
+        assert!(before < 0.2, "{rate} Hz: {before} N before it touches");
+        assert!(last.coupling.force.z > 0.2, "{rate} Hz: {} N", last.coupling.force.z);
+        assert!(last.object.translation.z > 0.01 - OVERLAP, "{rate} Hz: {} m", last.object.translation.z);
+        assert_eq!(events.faded, 0, "{rate} Hz");
+    }
+}
+
+/// Before contacts are first found, the object stays where it is, so that a hand that moves at once does not
+/// carry it into surfaces that nobody has looked for.
+#[test]
+fn the_first_contacts_are_waited_for() {
+    let (probe, slab) = (block(DVec3::splat(0.01)), block(DVec3::new(0.1, 0.1, 0.02)));
+    let scene = [(slab, DVec3::Z * -0.01)];
+    let hand = |time: f64| DVec3::Z * (0.0051 - 0.2 * time).max(0.002);
+    for response in [Response::Constraints, Response::Penalty] {
+        let (records, _) = session(&probe, &scene, hand, response, (20.0, 0.3));
+        let lowest = records.iter().map(|r| r.object.translation.z).fold(f64::INFINITY, f64::min);
+        println!("{response:?}: {lowest:.6} m");
+        assert_eq!(lowest > 0.005 - OVERLAP, response == Response::Constraints, "{response:?}: {lowest} m");
+    }
+}
