@@ -96,7 +96,10 @@ fn stages_report_whether_they_are_on_and_why() {
             ("braking", "on: by its setting, for penalties with ridges (textured)"),
             ("clustering", "on beyond 5 contacts, for penalties with ridges (textured)"),
             ("proxy", "on: by its setting, for penalties with ridges (textured)"),
-            ("contact search", "levels of detail: an object has a haptic texture"),
+            (
+                "contact search",
+                "levels of detail: an object has a haptic texture; constraints are found on the meshes",
+            ),
         ],
     );
     check(

@@ -94,7 +94,7 @@ impl ContactLoop {
             ("search.representative_error", search.representative_error.is_some(), levels),
             ("detail.error", detail.error > 0.0, full.or(fields)),
             ("detail.interpolation", !detail.interpolation, full.or(fields).or(whole)),
-            ("detail.query_budget", detail.query_budget.is_some(), constraints.and(levels)),
+            ("detail.query_budget", detail.query_budget.is_some(), constraints),
             ("textures", *textures != TextureSettings::default(), plain),
         ];
         let unused = given.into_iter().filter(|(_, is_given, _)| *is_given);
@@ -149,18 +149,19 @@ impl ContactLoop {
     }
 
     fn search_stage(&self, settings: &Settings) -> String {
-        let error = match (self.search(), settings.search.representative_error) {
-            (Err(why), _) => return format!("levels of detail: {why}"),
-            (Ok(_), Some(error)) => format!("{error} m"),
+        let radius = self.probe.bounding_radius();
+        let found = match (self.search(), settings.search.representative_error) {
+            (Err(why), _) => format!("levels of detail: {why}"),
+            (Ok(_), Some(error)) => format!("distance fields, depth error about {error} m"),
             (Ok(error), None) => {
-                let percent = 100.0 * error / self.probe.bounding_radius();
-                format!("{percent:.2} % of the probe's radius")
+                let percent = 100.0 * error / radius;
+                format!("distance fields, depth error about {percent:.2} % of the probe's radius")
             }
         };
-        let found = format!("distance fields, depth error about {error}");
         match self.penalties() {
             Penalties::All(_) => found,
-            _ => format!("{found}; constraints measure depths on the meshes"),
+            Penalties::None => format!("{found}; not in use: constraints are found on the meshes"),
+            _ => format!("{found}; constraints are found on the meshes"),
         }
     }
 
@@ -184,8 +185,8 @@ impl ContactLoop {
     fn budget_stage(&self, settings: &Settings) -> String {
         match settings.detail.query_budget {
             None => "off: no limit is set".to_owned(),
-            Some(_) if self.penalties() == Penalties::None && !self.is_by_fields() => {
-                "off: constraints are found by levels of detail without a limit".to_owned()
+            Some(_) if self.penalties() == Penalties::None => {
+                "off: constraints are found without a limit".to_owned()
             }
             Some(seconds) => format!("on: at most {} µs each", 1e6 * seconds),
         }
