@@ -31,6 +31,9 @@ pub struct ExactDistance {
     size: f64,
 }
 
+/// A point of the surface with its feature and its triangle.
+type Found = ((DVec3, Feature), u32);
+
 /// Corners of four triangles.
 type Leaf = [[f32x4; 3]; 3];
 
@@ -130,7 +133,7 @@ impl ExactDistance {
 
     /// The nearest point with its feature and triangle, and its squared distance, if that is less than one,
     /// m²; or a point with no distance below `share` times its own.
-    fn search(&self, p: DVec3, mut squared: f64, share: f64) -> Option<(((DVec3, Feature), u32), f64)> {
+    fn search(&self, p: DVec3, mut squared: f64, share: f64) -> Option<(Found, f64)> {
         let closest = |index: u32| closest(p, &self.triangles[index as usize].corners);
         let mut best = None;
         let at = ((p - self.middle) / self.size).as_vec3();

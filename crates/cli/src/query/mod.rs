@@ -166,6 +166,9 @@ fn replay(
     Ok(Replay { summary: summarise(&poses, memory), poses })
 }
 
+/// Outcome and contacts of a query, and the numbers of parts of the probe and of the scene that are wholly inside.
+type Answer<'a> = (QueryOutcome, &'a [PatchContact], Option<[usize; 2]>);
+
 /// Finds the contacts at a pose: those between patches, or those of the contact set, with the number of parts
 /// of either object that are wholly inside the other.
 fn contacts<'a>(
@@ -173,7 +176,7 @@ fn contacts<'a>(
     set: Option<&'a mut ContactSet>,
     settings: &QuerySettings,
     Keyframe { time, pose }: &Keyframe,
-) -> Result<(QueryOutcome, &'a [PatchContact], Option<[usize; 2]>), Failure> {
+) -> Result<Answer<'a>, Failure> {
     let failed =
         |what: &str, error: &dyn Display| Failure::Message(format!("{what} at t = {time} s: {error}"));
     let outcome = query.run(pose, &Pose::IDENTITY, settings).map_err(|error| failed("the query", &error))?;

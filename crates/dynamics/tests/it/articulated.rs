@@ -1022,7 +1022,7 @@ fn blades_in_a_press_fit_stay_and_blades_that_overlap_what_they_grip_open() {
         key: 0,
     };
     for pressed in [true, false] {
-        let mut scene = Scene::free(tool.clone());
+        let mut scene = Scene::free(tool);
         scene.coupling = VirtualCoupling::critically_damped(&tool.first, Pose::IDENTITY, 500.0, 0.5);
         scene.grip = GripperCoupling::critically_damped(&tool, 0.5);
         scene.device = DeviceMotion::at_rest(start.first.pose);
