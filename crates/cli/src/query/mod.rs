@@ -166,7 +166,7 @@ fn replay(
     Ok(Replay { summary: summarise(&poses, memory), poses })
 }
 
-/// Outcome and contacts of a query, and the numbers of parts of the probe and of the scene that are wholly inside.
+/// Outcome and contacts of a query, with the number of parts of either object that are wholly inside the other.
 type Answer<'a> = (QueryOutcome, &'a [PatchContact], Option<[usize; 2]>);
 
 /// Finds the contacts at a pose: those between patches, or those of the contact set, with the number of parts
