@@ -4,6 +4,7 @@
 use palpate::device::{DeviceState, Specification};
 use palpate::glam::DVec3;
 use palpate::promises::FAULT_TIME;
+use palpate::settings::Response;
 use palpate::{Settings, Wrench};
 
 /// Relative growth of a wrench that counts as rounding.
@@ -64,7 +65,11 @@ impl Judge {
         Self {
             specification: specification.clone(),
             period: 1.0 / settings.timing.rate,
-            timeout: settings.timing.contact_timeout,
+            // Constraints of surfaces that stand still hold for half a second.
+            timeout: match settings.contact.response {
+                Response::Constraints => settings.timing.contact_timeout.max(0.5),
+                Response::Penalty => settings.timing.contact_timeout,
+            },
             slew,
             before: slew,
             held: Wrench::ZERO,
