@@ -45,7 +45,7 @@ const MIN_ROOM: f64 = 0.02;
 
 /// Largest number of starts: the nearest. With more, queries of fast bodies take longer; with fewer, they
 /// wait near surfaces.
-const MAX_STARTS: usize = 16_384;
+const MAX_STARTS: usize = 131_072;
 
 /// Length of edges that are searched by themselves, in edges of cells. With more, places at which coarse
 /// meshes touch are left out; with less, edges of fine meshes are searched one by one.
