@@ -4,6 +4,7 @@
 //! The depth is exact without any query: how far the probe's corners are below the slab's plane and within its
 //! sides.
 
+use std::f64::consts::TAU;
 use std::sync::OnceLock;
 
 use palpate::device::Emulation;
@@ -229,11 +230,11 @@ impl Poke {
         let g = &mut genes;
         let shape = (g.unit() * SHAPES as f64) as usize;
         let (speed, rate) = (g.log(0.1, 2.0), g.log(30.0, 1000.0));
-        let (yaw, tilt, axis) = (g.range(0.0, 6.283), g.log(1e-4, 0.3), g.range(0.0, 6.283));
+        let (yaw, tilt, axis) = (g.range(0.0, TAU), g.log(1e-4, 0.3), g.range(0.0, TAU));
         let is_upright = g.chance(0.4);
         let tilt =
             DQuat::from_axis_angle(DVec2::from_angle(axis).extend(0.0), if is_upright { 0.0 } else { tilt });
-        let (slant, towards) = (g.maybe(0.3, |g| g.range(0.0, 0.7)).unwrap_or(0.0), g.range(0.0, 6.283));
+        let (slant, towards) = (g.maybe(0.3, |g| g.range(0.0, 0.7)).unwrap_or(0.0), g.range(0.0, TAU));
         let along = DVec2::from_angle(towards).extend(0.0) * slant.sin() - DVec3::Z * slant.cos();
         let place = DVec2::new(g.range(-1.0, 1.0), g.range(-1.0, 1.0));
         // Motion in up to some intervals, so that the surface is reached in any phase of the queries.

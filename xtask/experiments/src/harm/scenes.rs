@@ -7,6 +7,7 @@
 //! further away than the body has moved since the newest contact query, it follows the hand as in an empty
 //! scene.
 
+use std::f64::consts::TAU;
 use std::fmt::{self, Write as _};
 
 use palpate::device::Emulation;
@@ -233,7 +234,7 @@ impl Draft<'_, '_> {
 
     /// Draws an orientation: as made, turned about z, on another side, or any.
     fn orientation(&mut self) -> DQuat {
-        let (yaw, any) = (DQuat::from_rotation_z(self.h.range(0.0, 6.28)), self.h.turn(3.1));
+        let (yaw, any) = (DQuat::from_rotation_z(self.h.range(0.0, TAU)), self.h.turn(3.1));
         let side = self.h.pick(&[0.0, 0.0, 0.5, 1.0]) * std::f64::consts::PI;
         if self.h.chance(0.3) { any } else { yaw * DQuat::from_rotation_x(side) }
     }
@@ -324,7 +325,7 @@ impl Draft<'_, '_> {
         let shape = self.shape();
         let probe = self.probe(shape);
         let corners = self.g.pick(&[3, 4, 5, 6, 16, 32]);
-        let (size, angle) = (self.radius * self.g.log(0.3, 2.0), self.g.range(0.0, 6.28));
+        let (size, angle) = (self.radius * self.g.log(0.3, 2.0), self.g.range(0.0, TAU));
         let section: Vec<DVec2> =
             polygon(corners, size).into_iter().map(|p| DVec2::from_angle(angle).rotate(p)).collect();
         let length = self.radius * self.g.range(1.5, 2.5);
@@ -357,7 +358,7 @@ impl Draft<'_, '_> {
         let solid = self.solids.len();
         self.solids.push(pyramid);
         for index in 0..count {
-            let at = DVec2::from_angle(6.283 * index as f64 / count as f64) * (around + 1.05 * width);
+            let at = DVec2::from_angle(TAU * index as f64 / count as f64) * (around + 1.05 * width);
             let at = if count < 3 { at * 0.5 } else { at };
             // Those of a ring may come too near each other: then some are left out.
             let near = |(_, pose): &(usize, Pose)| pose.translation.truncate().distance(at) < 2.05 * width;
@@ -396,7 +397,7 @@ impl Draft<'_, '_> {
         let solid = self.solids.len();
         self.solids.push(Solid::ball(ball, rings, sides, self.rng));
         for index in 0..count {
-            let turn = 6.2831853 * index as f64 / count as f64;
+            let turn = TAU * index as f64 / count as f64;
             let at = DVec2::from_angle(turn) * around;
             self.placed.push((solid, Pose::new(at.extend(0.0), DQuat::from_rotation_z(turn))));
         }
@@ -415,7 +416,7 @@ impl Draft<'_, '_> {
             let mut route = Route::from(Pose::IDENTITY, self.speed);
             route.rest(self.h.range(0.0, 4.0) / self.rate);
             for _ in 0..3 {
-                let to = DVec2::from_angle(self.h.range(0.0, 6.28)) * self.h.log(2e-4, 8e-3);
+                let to = DVec2::from_angle(self.h.range(0.0, TAU)) * self.h.log(2e-4, 8e-3);
                 let turn = DQuat::from_rotation_z(self.h.range(-0.6, 0.6));
                 route.go(Pose::new(to.extend(self.h.range(-0.2, 0.2) * self.radius), turn));
             }
