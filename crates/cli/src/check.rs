@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use palpate::core::mesh::{OffendingEdge, ValidationReport};
-use palpate::{mesh_io, open_mesh};
+use palpate::mesh_io::{self, LoadWarning, Openings, RepairEffect, RepairSummary};
+use palpate::open_mesh;
 use serde::Serialize;
 
 use crate::arguments::CheckArguments;
@@ -16,6 +17,12 @@ struct Check {
     #[serde(flatten)]
     report: ValidationReport,
     self_intersections: u64,
+    openings: Openings,
+    /// Whether repair was asked for.
+    #[serde(skip)]
+    asked: bool,
+    /// What repair changed, and the surface before and after; null without repair, or if it changed nothing.
+    repair: Option<Repair>,
     verdict: Verdict,
     /// Faults that prevent a hierarchy; empty if the mesh is ready.
     faults: Vec<String>,
@@ -23,11 +30,25 @@ struct Check {
     warnings: Vec<String>,
 }
 
-/// Whether a hierarchy can be built from a mesh.
+/// A repair as JSON.
+#[derive(Clone, Copy, Serialize)]
+struct Repair {
+    changes: RepairSummary,
+    #[serde(flatten)]
+    effect: RepairEffect,
+}
+
+/// Whether a hierarchy can be built from a mesh, and whether it holds out what it touches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 enum Verdict {
     #[serde(rename = "ready")]
     Ready,
+    /// A hierarchy can be built, but the surface has openings.
+    #[serde(rename = "open")]
+    Open,
+    /// A hierarchy can be built, but repair dropped surface.
+    #[serde(rename = "lost surface")]
+    LostSurface,
     #[serde(rename = "needs --repair")]
     NeedsRepair,
     /// Faults remain after the repair, or the mesh is empty.
@@ -44,13 +65,29 @@ pub fn run(arguments: &CheckArguments) -> Result<(), Failure> {
     report.first.self_intersection = crossings.first;
     let self_intersections = crossings.count as u64;
     let faults = faults(&report, self_intersections);
+    let openings = mesh_io::openings(&opened.mesh);
+    let repair = opened.warnings.iter().find_map(|warning| match warning {
+        LoadWarning::Repaired { changes, effect } => Some(Repair { changes: *changes, effect: *effect }),
+        _ => None,
+    });
     let verdict = match faults.is_empty() {
+        true if repair.is_some_and(|repair| repair.effect.lost_surface()) => Verdict::LostSurface,
+        true if !report.closed => Verdict::Open,
         true => Verdict::Ready,
         false if report.triangles == 0 || arguments.reading.repair => Verdict::NotUsable,
         false => Verdict::NeedsRepair,
     };
     let warnings = progress::words(&opened.warnings);
-    let check = Check { report, self_intersections, verdict, faults, warnings };
+    let check = Check {
+        report,
+        self_intersections,
+        openings,
+        asked: arguments.reading.repair,
+        repair,
+        verdict,
+        faults,
+        warnings,
+    };
     output::result(&arguments.json, &check, |table| print(&check, &arguments.mesh, table))
 }
 
@@ -82,18 +119,54 @@ fn print(check: &Check, mesh: &str, table: &mut output::Table) {
     table.row([&"self-intersections", self_intersections, &at(crossing)]);
     table.row([&"bounding radius", &format!("{:.6} m", r.bounding_radius)]);
     table.row([&"volume", &format!("{:.6e} m³", r.volume)]);
+    if check.openings.count > 0 {
+        let across = format!("the largest {:.6} m across", check.openings.largest);
+        table.row([&"openings", &check.openings.count, &across]);
+    }
+    if let Some(Repair { effect, .. }) = &check.repair {
+        let rows = [
+            ("volume before repair", effect.volume_before, "m³"),
+            ("area before repair", effect.area_before, "m²"),
+            ("area after repair", effect.area_after, "m²"),
+            ("surface lost", effect.lost_area, "m²"),
+        ];
+        for (name, quantity, unit) in rows {
+            table.row([&name, &format!("{quantity:.6e} {unit}")]);
+        }
+    }
     let doubts = if check.warnings.is_empty() { "" } else { "; see the warnings" };
-    table.row([&"verdict", &format!("{}{doubts}", check.verdict.in_words(mesh, faults))]);
+    table.row([&"verdict", &format!("{}{doubts}", check.verdict.in_words(mesh, check))]);
     if !(faults.is_empty() && r.closed) {
         table.row([&"", &"vertices and triangles are counted from 0, vertices after equal ones were merged"]);
     }
 }
 
 impl Verdict {
-    fn in_words(self, mesh: &str, faults: &[String]) -> String {
-        let faults = faults.join(", ");
+    fn in_words(self, mesh: &str, check: &Check) -> String {
+        let faults = check.faults.join(", ");
         match self {
-            Self::Ready => "ready: a hierarchy can be built from it".to_owned(),
+            Self::Ready => {
+                "ready: a hierarchy can be built from it, and nothing passes through it".to_owned()
+            }
+            Self::Open => {
+                let remedy = if check.asked {
+                    "close them in the program that it came from"
+                } else {
+                    "--repair closes cracks; close holes in the program that it came from"
+                };
+                let Openings { count, largest } = check.openings;
+                format!(
+                    "open: a hierarchy can be built from it, but things may pass through {count} openings, up to \
+                     {largest:.3e} m across: {remedy}"
+                )
+            }
+            Self::LostSurface => {
+                let lost = check.repair.map_or(0.0, |repair| repair.effect.lost_area);
+                format!(
+                    "lost surface: a hierarchy can be built from it, but {lost:.3e} m² of surface were dropped where \
+                     parts intersect, and things may fall in there: unite them in the program that it came from"
+                )
+            }
             Self::NeedsRepair => {
                 format!(
                     "needs --repair ({faults}): `palpate build {mesh} --repair -o FILE.clod`, or run with --repair"

@@ -9,7 +9,7 @@ use palpate_core::TriMesh;
 use crate::formats::gltf_scene;
 use crate::formats::surface::{Surface, Wanted};
 use crate::formats::{obj, ply, read_file, stl};
-use crate::{LoadError, LoadWarning, RepairSummary, repair, weld};
+use crate::{LoadError, LoadWarning, RepairEffect, RepairSummary, repair, weld};
 
 /// Options for loading a mesh file.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,6 +39,8 @@ pub struct LoadedMesh {
     pub warnings: Vec<LoadWarning>,
     /// Changes that repair made, if it was requested; if there are any, they are among the warnings too.
     pub repairs: Option<RepairSummary>,
+    /// What those changes did to the surface.
+    pub effect: Option<RepairEffect>,
 }
 
 /// Loads a mesh file; the extension (in either case) names the format: .obj, .stl or .ply, and with the
@@ -145,19 +147,22 @@ fn finish(surface: Surface, path: &Path, options: &LoadOptions) -> Result<Loaded
     let Surface { vertices, triangles, mut warnings, .. } = surface;
     let raw_vertices = vertices.len();
     let mut mesh = scaled(vertices, triangles, path, options)?;
-    let mut repairs = None;
+    let (mut repairs, mut effect) = (None, None);
     if options.repair {
         let before = mesh.triangles().len();
-        let (repaired, summary) = repair::repair(&mesh);
+        let (repaired, summary, done) = repair::repair_measured(&mesh);
         if repaired.triangles().is_empty() {
             let found = format!("repair leaves none of the {before} in the file: {summary}");
             return Err(LoadError::NoTriangles { file: path.into(), found });
         }
         if summary != RepairSummary::default() {
-            warnings.push(LoadWarning::Repaired(summary));
+            warnings.push(LoadWarning::Repaired { changes: summary, effect: done });
         }
-        (mesh, repairs) = (repaired, Some(summary));
+        if done.lost_surface() {
+            warnings.push(LoadWarning::LostSurface { area: done.lost_area, of: done.area_before });
+        }
+        (mesh, repairs, effect) = (repaired, Some(summary), Some(done));
     }
     warnings.extend(LoadWarning::of_loaded_size(mesh.bounding_sphere().radius, options));
-    Ok(LoadedMesh { mesh, raw_vertices, warnings, repairs })
+    Ok(LoadedMesh { mesh, raw_vertices, warnings, repairs, effect })
 }

@@ -3,7 +3,9 @@
 use std::fmt;
 use std::ops::RangeInclusive;
 
-use crate::{LoadOptions, RepairSummary};
+use palpate_core::TriMesh;
+
+use crate::{LoadOptions, RepairEffect, RepairSummary, openings};
 
 /// Bounding radii (m) for which the file's unit is not doubted: from the smallest screw to a room.
 const PLAUSIBLE_RADIUS: RangeInclusive<f64> = 5e-4..=5.0;
@@ -35,7 +37,27 @@ pub enum LoadWarning {
     /// All vertices are at the same position.
     SinglePoint,
     /// The mesh was repaired, as [`LoadOptions::repair`] asked for.
-    Repaired(RepairSummary),
+    Repaired {
+        /// The changes.
+        changes: RepairSummary,
+        /// What they did to the surface.
+        effect: RepairEffect,
+    },
+    /// Repair could not unite parts that intersect, and dropped surface that could be touched: things may
+    /// fall in.
+    LostSurface {
+        /// Area lost, m².
+        area: f64,
+        /// Area before, m², hidden surfaces included.
+        of: f64,
+    },
+    /// The surface has openings, so that it does not hold out what fits through them.
+    Open {
+        /// Number of closed lines of edges at which the surface ends.
+        openings: usize,
+        /// Largest extent of an opening, m.
+        largest: f64,
+    },
     /// Line elements were skipped: they are not part of the surface.
     Lines {
         /// Number of line elements skipped.
@@ -104,7 +126,21 @@ impl fmt::Display for LoadWarning {
                  of the file"
             ),
             Self::SinglePoint => f.write_str("all vertices are at the same point"),
-            Self::Repaired(summary) => write!(f, "repaired: {summary}"),
+            Self::Repaired { changes, effect: e } => write!(
+                f,
+                "repaired: {changes}; volume {:.5e} m³ before and {:.5e} m³ after, area {:.5e} m² before and {:.5e} m² \
+                 after",
+                e.volume_before, e.volume_after, e.area_before, e.area_after
+            ),
+            Self::LostSurface { area, of } => write!(
+                f,
+                "repair dropped {area:.3e} m² of {of:.3e} m² of surface where parts intersect: things may fall in there"
+            ),
+            Self::Open { openings, largest } => write!(
+                f,
+                "the surface is open ({openings} openings, the largest {largest:.3e} m across): it has no inside, and \
+                 things may pass through"
+            ),
             Self::Lines { count } => {
                 write!(f, "line elements skipped, which are not part of the surface: {count}")
             }
@@ -139,6 +175,12 @@ impl fmt::Display for LoadWarning {
 }
 
 impl LoadWarning {
+    /// Warning about the openings of a surface, `None` if it is closed.
+    pub fn of_openings(mesh: &TriMesh) -> Option<Self> {
+        let found = openings(mesh);
+        (found.count > 0).then_some(Self::Open { openings: found.count, largest: found.largest })
+    }
+
     /// Warning about the size of a mesh with this bounding radius (m), `None` if it is plausible. The
     /// suggested scale is a factor on the radius, as for a file that was loaded with a scale of 1.
     pub fn of_size(radius: f64) -> Option<Self> {

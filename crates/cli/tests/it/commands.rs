@@ -1068,21 +1068,28 @@ fn the_verdict_of_check_is_that_of_build() {
     let open: String =
         good.lines().filter(|line| *line != faces[0]).map(|line| format!("{line}\n")).collect();
     write("open.obj", &open);
-    for (file, ready) in [
-        ("good.obj", true),
-        ("open.obj", true),
-        ("duplicate.obj", false),
-        ("inside-out.obj", false),
-        ("crossing.obj", false),
+    for (file, expected) in [
+        ("good.obj", "ready"),
+        ("open.obj", "open"),
+        ("duplicate.obj", "needs --repair"),
+        ("inside-out.obj", "needs --repair"),
+        ("crossing.obj", "needs --repair"),
     ] {
-        let check = json(&["check", file, "--json"], folder);
-        let built = palpate(&["build", file, "-o", "x.clod"], folder).status.success();
-        assert_eq!((check["verdict"] == "ready", built), (ready, ready), "{file}: {check}");
-        let printed = succeeds(&["check", file], folder);
+        let usable = expected != "needs --repair";
+        let check = json_with_warnings(&["check", file, "--json"], folder);
+        let built = palpate(&["build", file, "-o", "x.clod"], folder);
+        assert_eq!(
+            (check["verdict"].as_str(), built.status.success()),
+            (Some(expected), usable),
+            "{file}: {check}"
+        );
+        let warned = String::from_utf8_lossy(&built.stderr).contains("the surface is open (1 openings");
+        assert_eq!(warned, expected == "open", "{file}: {built:?}");
+        let output = palpate(&["check", file], folder);
+        let printed = String::from_utf8(output.stdout).expect("text");
         let verdict = printed.lines().find(|line| line.starts_with("verdict")).expect("a verdict");
-        assert_eq!(verdict.contains("--repair"), !ready, "{verdict}");
-        if !ready {
-            assert_eq!(check["verdict"], "needs --repair");
+        assert_eq!(verdict.contains("--repair"), expected != "ready", "{verdict}");
+        if !usable {
             let repaired = json_with_warnings(&["check", file, "--repair", "--json"], folder);
             assert_eq!(repaired["verdict"], "ready", "{file}: {repaired}");
             let inspected = palpate(&["inspect", file, "--repair", "--json"], folder);

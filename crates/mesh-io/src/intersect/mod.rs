@@ -38,8 +38,10 @@ pub fn self_intersections(mesh: &TriMesh) -> SelfIntersections {
     let mut vertices = mesh.vertices().to_vec();
     normalise(&mut vertices);
     let same = equal_positions(&vertices);
-    let of_each = crossings_of_each(&vertices, mesh.triangles(), &same, usize::MAX, |pairs| {
-        SelfIntersections { count: pairs.len(), first: pairs.first().copied() }
+    let search = Search::new(&vertices, mesh.triangles(), &same);
+    let of_each = search.of_each(0..mesh.triangles().len(), usize::MAX, |pairs| SelfIntersections {
+        count: pairs.len(),
+        first: pairs.first().copied(),
     });
     of_each.into_iter().fold(SelfIntersections::default(), |all, own| SelfIntersections {
         count: all.count + own.count,
@@ -48,39 +50,70 @@ pub fn self_intersections(mesh: &TriMesh) -> SelfIntersections {
 }
 
 /// The pairs of triangles that [`self_intersections`] counts, the smaller index first, in lexicographic
-/// order; at most `limit` for each smaller index. The vertices must be [normalised](normalise); `same` are
-/// their [classes](equal_positions).
+/// order; at most `limit` for each smaller index, and none for further ones once there are `enough`. The
+/// vertices must be [normalised](normalise); `same` are their [classes](equal_positions).
 pub(crate) fn crossing_pairs(
     vertices: &[DVec3],
     triangles: &[[u32; 3]],
     same: &[u32],
     limit: usize,
+    enough: usize,
 ) -> Vec<[u32; 2]> {
-    crossings_of_each(vertices, triangles, same, limit, |pairs| pairs).into_iter().flatten().collect()
+    /// Triangles that are searched at once, in parallel.
+    const AT_ONCE: usize = 4096;
+    let search = Search::new(vertices, triangles, same);
+    let mut pairs = Vec::new();
+    for first in (0..triangles.len()).step_by(AT_ONCE) {
+        if pairs.len() >= enough {
+            break;
+        }
+        let range = first..triangles.len().min(first + AT_ONCE);
+        pairs.extend(search.of_each(range, limit, |pairs| pairs).into_iter().flatten());
+    }
+    pairs
 }
 
-/// Results of `take` for each triangle, from its pairs with later ones: the first `limit` in ascending order.
-fn crossings_of_each<T: Send>(
-    vertices: &[DVec3],
-    triangles: &[[u32; 3]],
-    same: &[u32],
-    limit: usize,
-    take: impl Fn(Vec<[u32; 2]>) -> T + Sync,
-) -> Vec<T> {
-    let ids: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(|v| same[v as usize])).collect();
-    let corners = |t: usize| ids[t].map(|v| vertices[v as usize]);
-    let boxes = Boxes::of_one_mesh(ids.len(), |t| Some(corners(t)).filter(|&[a, b, c]| !collinear(a, b, c)));
-    let tree = boxes.tree();
-    (0..ids.len())
-        .into_par_iter()
-        .map_init(Vec::new, |candidates, i| {
-            boxes.overlapping(i, &boxes, &tree, candidates);
-            candidates.retain(|&j| j as usize > i);
-            candidates.sort_unstable();
-            let crossing = |&j: &u32| cross(&corners(i), &ids[i], &corners(j as usize), &ids[j as usize]);
-            take(candidates.iter().copied().filter(crossing).take(limit).map(|j| [i as u32, j]).collect())
-        })
-        .collect()
+/// A mesh and the hierarchy in which pairs are searched.
+struct Search<'a> {
+    vertices: &'a [DVec3],
+    /// The corners of triangles, as classes of equal positions.
+    ids: Vec<[u32; 3]>,
+    boxes: Boxes,
+    tree: obvhs::bvh2::Bvh2,
+}
+
+impl<'a> Search<'a> {
+    fn new(vertices: &'a [DVec3], triangles: &[[u32; 3]], same: &[u32]) -> Self {
+        let ids: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(|v| same[v as usize])).collect();
+        let corners = |t: usize| ids[t].map(|v| vertices[v as usize]);
+        let boxes =
+            Boxes::of_one_mesh(ids.len(), |t| Some(corners(t)).filter(|&[a, b, c]| !collinear(a, b, c)));
+        let tree = boxes.tree();
+        Self { vertices, ids, boxes, tree }
+    }
+
+    /// Results of `take` for some triangles, from their pairs with later ones: the first `limit` in ascending
+    /// order.
+    fn of_each<T: Send>(
+        &self,
+        triangles: std::ops::Range<usize>,
+        limit: usize,
+        take: impl Fn(Vec<[u32; 2]>) -> T + Sync,
+    ) -> Vec<T> {
+        let corners = |t: usize| self.ids[t].map(|v| self.vertices[v as usize]);
+        let ids = &self.ids;
+        triangles
+            .into_par_iter()
+            .map_init(Vec::new, |candidates, i| {
+                self.boxes.overlapping(i, &self.boxes, &self.tree, candidates);
+                candidates.retain(|&j| j as usize > i);
+                candidates.sort_unstable();
+                let crossing = |&j: &u32| cross(&corners(i), &ids[i], &corners(j as usize), &ids[j as usize]);
+                let found = candidates.iter().copied().filter(crossing).take(limit);
+                take(found.map(|j| [i as u32, j]).collect())
+            })
+            .collect()
+    }
 }
 
 /// The pairs of triangles, one of each of two placed meshes, that have a point in common; touching counts.
@@ -125,12 +158,13 @@ pub fn intersecting_pairs(
 }
 
 /// Scales the largest finite coordinate to between 1/2 and 1 by a power of two, which is exact: the
-/// predicates and the f32 boxes then neither overflow nor underflow.
-pub(crate) fn normalise(vertices: &mut [DVec3]) {
+/// predicates and the f32 boxes then neither overflow nor underflow. Returns the power's exponent, for
+/// [`unnormalised`].
+pub(crate) fn normalise(vertices: &mut [DVec3]) -> i32 {
     let largest =
         vertices.iter().filter(|v| v.is_finite()).map(|v| v.abs().max_element()).fold(0.0_f64, f64::max);
     if largest == 0.0 {
-        return;
+        return 0;
     }
     // In two steps, since the factor itself can lie outside the range of f64.
     let exponent = largest.log2().floor() as i32 + 1;
@@ -138,6 +172,13 @@ pub(crate) fn normalise(vertices: &mut [DVec3]) {
     for v in vertices {
         *v = *v * 2.0_f64.powi(-half) * 2.0_f64.powi(half - exponent);
     }
+    exponent
+}
+
+/// The vertex that [`normalise`] made `vertex` of.
+pub(crate) fn unnormalised(vertex: DVec3, exponent: i32) -> DVec3 {
+    let half = exponent / 2;
+    vertex * 2.0_f64.powi(half) * 2.0_f64.powi(exponent - half)
 }
 
 #[cfg(test)]

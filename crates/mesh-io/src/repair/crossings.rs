@@ -1,4 +1,4 @@
-//! Removal of triangles that intersect others.
+//! Removal of triangles that intersect others, where these could not be united.
 //!
 //! At least one triangle of each intersecting pair has to be removed: a vertex cover of the graph of
 //! conflicts. The cover of least area is NP-hard to find. The greedy cover (most conflicts per area first,
@@ -11,25 +11,33 @@ use super::{Piece, Work};
 use crate::intersect::crossing_pairs;
 use crate::weld::equal_positions;
 
-/// Largest number of intersections of a triangle that one round handles, so that memory stays linear in the
-/// number of triangles. Further ones are left to the next round.
-const MAX_PARTNERS: usize = 64;
+/// Largest number of intersections of a triangle that one round handles, and number of all after which it
+/// handles no further triangles, so that memory stays bounded. The rest is left to the next round.
+const MAX_PARTNERS: usize = 6_000;
+const MAX_PAIRS: usize = 2_000_000;
 
 impl Work {
-    /// Drops triangles until none of the intersections found in this round is left; closes the holes where it
-    /// can if `fill` is set.
-    pub(super) fn cut_crossings(&mut self, fill: bool) {
+    /// The pairs of triangles that intersect.
+    pub(super) fn crossings(&self) -> Vec<[u32; 2]> {
         let mesh = self.mesh();
         let same = equal_positions(&self.points);
-        let pairs = crossing_pairs(&self.points, mesh.triangles(), &same, MAX_PARTNERS);
+        crossing_pairs(&self.points, mesh.triangles(), &same, MAX_PARTNERS, MAX_PAIRS)
+    }
+
+    /// Drops triangles until none of the intersecting `pairs` is left; closes the holes where it can if `fill`
+    /// is set.
+    pub(super) fn cut_crossings(&mut self, pairs: &[[u32; 2]], fill: bool) {
         if pairs.is_empty() {
             return;
         }
+        let mesh = self.mesh();
+        let same = equal_positions(&self.points);
         let areas: Vec<f64> =
             self.pieces.iter().map(|p| self.doubled_area(p.corners).max(f64::MIN_POSITIVE)).collect();
-        let mut removed = cover(&areas, &pairs);
+        let mut removed = cover(&areas, pairs);
         let crossing = removed.iter().filter(|r| **r).count();
         let fillings = if fill { self.fillings(&mesh, &mut removed, &same) } else { Vec::new() };
+        self.note_loss(&removed);
         let around = self.retain(|i| !removed[i]) - crossing;
         self.summary.intersecting_triangles += crossing;
         self.summary.surrounding_triangles += around;

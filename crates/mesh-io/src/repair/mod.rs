@@ -5,34 +5,38 @@
 //!
 //! 1. triangles with a coordinate that is not finite and duplicates are dropped; triangles without area are
 //!    dropped, or removed such that the triangles around them stay connected ([`slivers`]); cracks along
-//!    which a vertex of one border lies on an edge of another are closed;
+//!    which two borders run, with vertices of their own, are closed;
 //! 2. triangles are turned to agree with their neighbours, closed components to face outwards
 //!    ([`orientation`]);
 //! 3. where sheets meet at an edge or a vertex, each sheet gets its own copy of it ([`parting`]);
-//! 4. where triangles intersect, some are dropped, so as to lose little area, and the holes that this makes
-//!    are closed where that is possible without another intersection ([`crossings`], [`holes`]).
+//! 4. solids that overlap are united, and open surfaces cut along their intersections ([`union`]);
+//! 5. where that is not possible, some of the triangles that intersect are dropped, so as to lose little area,
+//!    and the holes that this makes are closed where that is possible without another intersection
+//!    ([`crossings`], [`holes`]).
 //!
-//! No vertex is moved, except the ends of an edge that is shorter than rounding, and no surface is added,
-//! except over holes that were cut. Where a hole stays open, so does the mesh. Shells that overlap are not
-//! united: the smaller of two surfaces that intersect is cut out along the line of intersection, and its part
-//! inside the other stays.
+//! Vertices move only where a crack is closed or an edge is shorter than rounding, and no surface is added,
+//! except over holes that were cut. Where a hole stays open, so does the mesh. What step 5 loses is measured
+//! ([`effect`]).
 
 mod crossings;
+mod duplicates;
+mod effect;
 mod holes;
 mod orientation;
 mod parting;
 mod slivers;
+mod union;
 
-use std::collections::HashSet;
 use std::fmt;
 
+pub use effect::RepairEffect;
 use glam::DVec3;
 use orientation::Components;
 use palpate_core::TriMesh;
 use serde::Serialize;
 
 use crate::intersect::normalise;
-use crate::weld::{self, equal_positions};
+use crate::weld;
 
 /// Numbers of changes that [`repair`] made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -40,11 +44,12 @@ pub struct RepairSummary {
     /// Triangles dropped because a corner is infinite or not a number.
     pub nonfinite_triangles: usize,
     /// Triangles removed because two corners are at the same position, or the height over the longest side
-    /// is below 10⁻¹² bounding radii.
+    /// is below 10⁻¹² bounding radii, or below the width of the crack that they border.
     pub degenerate_triangles: usize,
     /// Triangles dropped because an earlier one has the same three positions, in either orientation.
     pub duplicate_triangles: usize,
-    /// Vertices merged with another that is closer than 10⁻¹² bounding radii, at triangles without area.
+    /// Vertices merged with another: at triangles without area, that is closer than 10⁻¹² bounding radii; at a
+    /// crack, than 5 · 10⁻⁴ bounding radii.
     pub merged_vertices: usize,
     /// Triangles cut in two or more at a vertex that lies on one of their edges: a vertex of a crack (a
     /// T-junction) or of a triangle without area.
@@ -59,7 +64,13 @@ pub struct RepairSummary {
     pub duplicated_vertices: usize,
     /// Triangles dropped at an edge where sheets meet, because copies of its vertices do not separate them.
     pub unparted_triangles: usize,
-    /// Triangles dropped because they intersect others.
+    /// Closed components that overlapped others or themselves, and were united.
+    pub united_components: usize,
+    /// Triangles cut in two or more along the lines in which they intersect others.
+    pub cut_triangles: usize,
+    /// Triangles dropped because they are inside the union.
+    pub hidden_triangles: usize,
+    /// Triangles dropped because they intersect others and could not be united with them.
     pub intersecting_triangles: usize,
     /// Triangles around intersecting ones that were removed as well, so that the hole could be closed.
     pub surrounding_triangles: usize,
@@ -88,6 +99,9 @@ impl fmt::Display for RepairSummary {
             (self.nonorientable_components, "components that cannot be oriented cut open"),
             (self.duplicated_vertices, "vertices copied to separate sheets"),
             (self.unparted_triangles, "triangles dropped where sheets cannot be separated"),
+            (self.united_components, "closed components united"),
+            (self.cut_triangles, "triangles cut where they intersect"),
+            (self.hidden_triangles, "triangles inside the union dropped"),
             (self.intersecting_triangles, "intersecting triangles dropped"),
             (self.surrounding_triangles, "triangles around them replaced"),
             (self.filled_holes, "holes that these left closed"),
@@ -108,41 +122,49 @@ impl fmt::Display for RepairSummary {
 /// keep more of badly broken meshes, and take longer.
 const MAX_ROUNDS: usize = 8;
 
+/// Number of the first rounds in which intersecting parts are united rather than cut out. The first unites;
+/// others unite what rounding made intersect.
+const UNITING_ROUNDS: usize = 5;
+
+/// Number of the first rounds in which cracks are closed whose sides do not coincide exactly.
+const CLOSING_ROUNDS: usize = 2;
+
+/// Number of intersecting pairs that are united even if there were fewer in the round before.
+const ALWAYS_UNITED: usize = 100;
+
+/// Largest number of times that all rounds are repeated.
+const MAX_PASSES: usize = 2;
+
 /// Repairs a mesh: see the summary's fields for what is done. [Weld](crate::weld()) it first: triangles are
 /// neighbours only if they have the indices of two vertices in common.
 ///
 /// The result has no self-intersection, and its [validation](TriMesh::validate) reports a 2-manifold that is
 /// oriented, without degenerate, duplicate or non-finite triangles and, if it is closed, of a volume that is
 /// not negative. It may be empty. Copies of a vertex that separate two sheets are at the same position:
-/// welding such a mesh again undoes the separation. Repairing it again changes nothing. Triangles that are
-/// kept stay in order; those that are made come last.
+/// welding such a mesh again undoes the separation. Repairing it again changes nothing, but in some tangles of
+/// faces that lie on each other. Triangles that are kept stay in order; those that are made come last.
 pub fn repair(mesh: &TriMesh) -> (TriMesh, RepairSummary) {
+    let (repaired, summary, _) = repair_measured(mesh);
+    (repaired, summary)
+}
+
+/// [Repairs](repair) a mesh, and measures what that does to its surface.
+pub(crate) fn repair_measured(mesh: &TriMesh) -> (TriMesh, RepairSummary, RepairEffect) {
     let mut work = Work::new(mesh);
     work.drop_nonfinite();
     let nonorientable = Components::new(&work.mesh()).nonorientable;
     work.summary.nonorientable_components = nonorientable.iter().filter(|&&n| n).count();
-    for _ in 0..MAX_ROUNDS {
-        work.changed = false;
-        work.drop_duplicates();
-        work.remove_slivers();
-        work.close_cracks();
-        work.orient();
-        work.part();
-        work.cut_crossings(true);
-        if !work.changed {
+    // Dropped triangles leave borders, which may be cracks again.
+    for _ in 0..MAX_PASSES {
+        if !work.pass() {
             break;
         }
     }
-    // From here on triangles are only dropped, so that the loop ends.
-    while work.changed {
-        work.changed = false;
-        work.drop_duplicates();
-        work.drop_degenerate();
-        work.part();
-        work.cut_crossings(false);
-    }
     work.orient();
-    work.finish()
+    let lost = std::mem::take(&mut work.lost);
+    let (repaired, summary) = work.finish();
+    let effect = RepairEffect::of(mesh, &repaired, &lost);
+    (repaired, summary, effect)
 }
 
 /// A triangle under repair.
@@ -160,8 +182,18 @@ struct Work {
     /// The same vertices times a power of two, so that the largest coordinate is near 1.
     points: Vec<DVec3>,
     pieces: Vec<Piece>,
+    /// The points are the vertices over two to this power.
+    exponent: i32,
     /// Number of vertices of the original mesh.
     original: usize,
+    /// Whether each later vertex is a copy, which separates sheets.
+    copied: Vec<bool>,
+    /// Number of intersecting pairs up to which parts are united.
+    most: usize,
+    /// Whether parts have been united.
+    united: bool,
+    /// Triangles dropped where their surface may be lost, m.
+    lost: Vec<[DVec3; 3]>,
     changed: bool,
     summary: RepairSummary,
 }
@@ -169,15 +201,59 @@ struct Work {
 impl Work {
     fn new(mesh: &TriMesh) -> Self {
         let mut points = mesh.vertices().to_vec();
-        normalise(&mut points);
+        let exponent = normalise(&mut points);
         Self {
             vertices: mesh.vertices().to_vec(),
             points,
             pieces: mesh.triangles().iter().map(|&corners| Piece { corners, turned: false }).collect(),
+            exponent,
             original: mesh.vertices().len(),
+            copied: Vec::new(),
+            most: usize::MAX,
+            united: false,
+            lost: Vec::new(),
             changed: false,
             summary: RepairSummary::default(),
         }
+    }
+
+    /// All steps until they change nothing. Returns whether anything changed.
+    fn pass(&mut self) -> bool {
+        let mut any = false;
+        for round in 0..MAX_ROUNDS {
+            self.changed = false;
+            self.remove_slivers();
+            self.close_cracks(round < CLOSING_ROUNDS);
+            self.orient();
+            // Before faces that are there twice are dropped, and before sheets are parted: solids that share a
+            // face or an edge are still whole.
+            let pairs = if round < UNITING_ROUNDS { self.crossings() } else { Vec::new() };
+            // While that makes intersections fewer, it goes on.
+            let united = pairs.len() <= self.most && self.unite(&pairs);
+            if !pairs.is_empty() {
+                self.most = (pairs.len() - 1).max(ALWAYS_UNITED);
+            }
+            self.drop_duplicates();
+            self.part();
+            if !united {
+                let pairs = self.crossings();
+                self.cut_crossings(&pairs, true);
+            }
+            if !self.changed {
+                return any;
+            }
+            any = true;
+        }
+        // From here on triangles are only dropped, so that the loop ends.
+        while self.changed {
+            self.changed = false;
+            self.drop_duplicates();
+            self.drop_degenerate();
+            self.part();
+            let pairs = self.crossings();
+            self.cut_crossings(&pairs, false);
+        }
+        any
     }
 
     /// The pieces as a mesh; triangles and vertices keep their numbers.
@@ -232,18 +308,10 @@ impl Work {
         self.summary.nonfinite_triangles += self.retain(|i| finite[i]);
     }
 
-    fn drop_duplicates(&mut self) {
-        let same = equal_positions(&self.points);
-        let mut seen = HashSet::new();
-        let keep: Vec<bool> = (self.pieces.iter())
-            .map(|piece| {
-                let mut key = piece.corners.map(|v| same[v as usize]);
-                key.sort_unstable();
-                let collapsed = key[0] == key[1] || key[1] == key[2];
-                collapsed || seen.insert(key)
-            })
-            .collect();
-        self.summary.duplicate_triangles += self.retain(|i| keep[i]);
+    /// Remembers pieces that are about to be dropped with their surface.
+    fn note_loss(&mut self, dropped: &[bool]) {
+        let lost = self.pieces.iter().zip(dropped).filter(|(_, dropped)| **dropped);
+        self.lost.extend(lost.map(|(piece, _)| piece.corners.map(|v| self.vertices[v as usize])));
     }
 
     fn drop_degenerate(&mut self) {
@@ -266,10 +334,15 @@ impl Work {
 
     /// Adds a copy of a vertex, at the same position.
     fn copy_of(&mut self, vertex: u32) -> u32 {
-        self.vertices.push(self.vertices[vertex as usize]);
-        self.points.push(self.points[vertex as usize]);
+        self.add_vertex(self.vertices[vertex as usize], self.points[vertex as usize], true);
         self.changed = true;
         self.vertices.len() as u32 - 1
+    }
+
+    fn add_vertex(&mut self, vertex: DVec3, point: DVec3, copied: bool) {
+        self.vertices.push(vertex);
+        self.points.push(point);
+        self.copied.push(copied);
     }
 
     fn finish(mut self) -> (TriMesh, RepairSummary) {
@@ -279,12 +352,23 @@ impl Work {
         }
         let kept = |range: std::ops::Range<usize>| used[range].iter().filter(|u| **u).count();
         self.summary.unreferenced_vertices = self.original - kept(0..self.original);
-        self.summary.duplicated_vertices = kept(self.original..used.len());
+        let copies =
+            used[self.original..].iter().zip(&self.copied).filter(|(used, copied)| **used && **copied);
+        self.summary.duplicated_vertices = copies.count();
         self.summary.flipped_triangles = self.pieces.iter().filter(|piece| piece.turned).count();
         let triangles = self.pieces.iter().map(|piece| piece.corners).collect();
         let mesh = TriMesh::new(self.vertices, triangles).expect("corners stay within the vertices");
         (weld::drop_unreferenced(&mesh), self.summary)
     }
+}
+
+/// The vertex that `vertex` is merged into: the root of its tree. Shortens the path to it.
+pub(crate) fn root(target: &mut [u32], mut vertex: u32) -> u32 {
+    while target[vertex as usize] != vertex {
+        target[vertex as usize] = target[target[vertex as usize] as usize];
+        vertex = target[vertex as usize];
+    }
+    vertex
 }
 
 #[cfg(test)]
@@ -387,9 +471,12 @@ mod tests {
             assert!((volume(&turned) - expected).abs() < 1e-9, "{name}: {}", volume(&turned));
             assert_eq!(summary.inverted_components, inverted, "{name}");
             let (repaired, summary) = repair(&cubes(&shells));
-            let apart = summary.intersecting_triangles == 0;
+            assert_eq!(summary.intersecting_triangles, 0, "{name}: {summary}");
+            let apart = summary.united_components == 0;
             assert_eq!(apart, name != "overlapping, not inside", "{name}: {summary}");
             assert!(!apart || repaired == turned, "{name}");
+            // The cubes from -2 to 2 and from 1 to 3 have half of the smaller one in common.
+            assert!(apart || (volume(&repaired) - 68.0).abs() < 1e-9, "{name}: {}", volume(&repaired));
         }
     }
 

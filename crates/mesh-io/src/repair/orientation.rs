@@ -90,6 +90,16 @@ impl Components {
         Self { members, flipped, nonorientable, closed }
     }
 
+    /// The triangles of each component.
+    pub fn members(&self) -> &[Vec<u32>] {
+        &self.members
+    }
+
+    /// Whether a component encloses a volume.
+    pub fn is_closed(&self, component: usize) -> bool {
+        self.closed[component]
+    }
+
     /// Turns closed components to face outwards, cavities inwards. Returns how many were turned.
     pub fn face_outwards(&mut self, mesh: &TriMesh) -> usize {
         let mut volumes: Vec<f64> = (0..self.members.len()).map(|c| self.volume(mesh, c)).collect();
@@ -156,15 +166,20 @@ impl Components {
 
     /// Winding number of a component about a point: 1 inside a body that faces outwards, 0 outside.
     fn winding_number(&self, mesh: &TriMesh, component: usize, point: DVec3) -> f64 {
-        let angles = self.members[component].iter().map(|&t| {
-            let [a, b, c] = self.corners(mesh, t).map(|p| p - point);
-            let (la, lb, lc) = (a.length(), b.length(), c.length());
-            // tan Ω/2 = a·(b × c) / (|a||b||c| + (a·b)|c| + (b·c)|a| + (c·a)|b|)
-            let below = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
-            2.0 * a.dot(b.cross(c)).atan2(below)
-        });
-        angles.sum::<f64>() / (4.0 * std::f64::consts::PI)
+        winding_number(self.members[component].iter().map(|&t| self.corners(mesh, t)), point)
     }
+}
+
+/// Winding number of some triangles about a point, as a sum of solid angles.
+pub(super) fn winding_number(triangles: impl Iterator<Item = [DVec3; 3]>, point: DVec3) -> f64 {
+    let angles = triangles.map(|corners| {
+        let [a, b, c] = corners.map(|p| p - point);
+        let (la, lb, lc) = (a.length(), b.length(), c.length());
+        // tan Ω/2 = a·(b × c) / (|a||b||c| + (a·b)|c| + (b·c)|a| + (c·a)|b|)
+        let below = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
+        2.0 * a.dot(b.cross(c)).atan2(below)
+    });
+    angles.sum::<f64>() / (4.0 * std::f64::consts::PI)
 }
 
 /// Whether a triangle runs along an edge in the given direction.

@@ -68,6 +68,7 @@ impl Work {
                 gone[side.triangle() as usize] = true;
             }
         }
+        self.note_loss(&gone);
         let count = self.retain(|i| !gone[i]);
         self.summary.unparted_triangles += count;
         count > 0

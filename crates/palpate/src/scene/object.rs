@@ -146,7 +146,7 @@ pub struct NamedMesh {
     pub name: String,
     /// Mesh with exactly equal vertices welded, m.
     pub mesh: TriMesh,
-    /// Warnings of the loader: content that was left out, a doubtful unit, a repair.
+    /// Warnings of the loader: content that was left out, a doubtful unit, a repair, openings.
     pub warnings: Vec<LoadWarning>,
 }
 
@@ -160,7 +160,8 @@ pub fn open_mesh(argument: &str, options: &OpenOptions) -> Result<NamedMesh, Ope
     }
     if names_file(argument) {
         let load = LoadOptions { scale: options.scale, repair: options.repair, ..LoadOptions::default() };
-        let loaded = palpate_mesh_io::load(Path::new(argument), &load)?;
+        let mut loaded = palpate_mesh_io::load(Path::new(argument), &load)?;
+        loaded.warnings.extend(LoadWarning::of_openings(&loaded.mesh));
         return Ok(NamedMesh { name: argument.to_owned(), mesh: loaded.mesh, warnings: loaded.warnings });
     }
     let mut mesh = built_in(argument)?;
@@ -201,7 +202,9 @@ impl Object {
             }
             let clod = Clod::load(Path::new(argument))
                 .map_err(|source| OpenError::Clod { path: argument.to_owned(), source })?;
-            return Ok(Self::from_clod(argument, clod));
+            let object = Self::from_clod(argument, clod);
+            let open = welded(object.triangles()).and_then(|mesh| LoadWarning::of_openings(&mesh));
+            return Ok(Self { warnings: open.into_iter().collect(), ..object });
         }
         let NamedMesh { name, mesh, warnings } = open_mesh(argument, options)?;
         let clod = if options.cache {
@@ -222,8 +225,8 @@ impl Object {
         Self::open(argument, &OpenOptions::default(), &mut unwatched)
     }
 
-    /// Warnings of the loader: content that was left out, a doubtful unit, a repair. Empty for an object that
-    /// was not read from a mesh file.
+    /// Warnings of the loader: content that was left out, a doubtful unit, a repair, openings. Empty for an
+    /// object that was not read from a file.
     pub fn warnings(&self) -> &[LoadWarning] {
         &self.warnings
     }
