@@ -164,9 +164,10 @@ mod tests {
         for _ in 0..3 {
             for _ in 0..50 {
                 let first = rng.random_range(0..99_000);
-                for index in first..first + rng.random_range(0..9) {
+                let count = rng.random_range(0..9);
+                for (index, entry) in list.iter_mut().enumerate().skip(first).take(count) {
                     let value = [rng.random_range(0..9), 0];
-                    (*pages.get_mut(index), list[index]) = (value, value);
+                    (*pages.get_mut(index), *entry) = (value, value);
                 }
             }
             assert!((0..list.len()).all(|index| pages.get(index) == list[index]));

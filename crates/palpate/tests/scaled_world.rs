@@ -77,11 +77,11 @@ fn a_scaled_world_feels_the_same() {
         assert!(most > 1.0, "pressed with {most} N");
         for scale in [1e3, 1e-3] {
             let scaled = felt(scale, ContactSearch::Levels, rate);
-            let worst = |off: &dyn Fn(&(DVec3, Pose), &(DVec3, Pose)) -> f64| {
-                usual.iter().zip(&scaled).map(|(one, other)| off(one, other)).fold(0.0, f64::max)
-            };
-            let force = worst(&|one, other| one.0.distance(other.0));
-            let shift = worst(&|one, other| one.1.translation.distance(other.1.translation));
+            let pairs = || usual.iter().zip(&scaled);
+            let largest = f64::max;
+            let force = pairs().map(|(one, other)| one.0.distance(other.0)).fold(0.0, largest);
+            let shift = pairs().map(|(one, other)| one.1.translation.distance(other.1.translation));
+            let shift = shift.fold(0.0, largest);
             let turn = worst(&|one, other| one.1.rotation_vector_to(&other.1).length());
             let case = format!(
                 "{rate} Hz, scale {scale}: {force:.1e} of {most:.2} N, {shift:.1e} m, {turn:.1e} rad"
