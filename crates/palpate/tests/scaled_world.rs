@@ -82,7 +82,8 @@ fn a_scaled_world_feels_the_same() {
             let force = pairs().map(|(one, other)| one.0.distance(other.0)).fold(0.0, largest);
             let shift = pairs().map(|(one, other)| one.1.translation.distance(other.1.translation));
             let shift = shift.fold(0.0, largest);
-            let turn = worst(&|one, other| one.1.rotation_vector_to(&other.1).length());
+            let turn = pairs().map(|(one, other)| one.1.rotation_vector_to(&other.1).length());
+            let turn = turn.fold(0.0, largest);
             let case = format!(
                 "{rate} Hz, scale {scale}: {force:.1e} of {most:.2} N, {shift:.1e} m, {turn:.1e} rad"
             );
