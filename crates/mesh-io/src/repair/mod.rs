@@ -35,7 +35,7 @@ use orientation::Components;
 use palpate_core::TriMesh;
 use serde::Serialize;
 
-use crate::intersect::normalise;
+use crate::intersect::{normalise, unnormalised};
 use crate::weld;
 
 /// Numbers of changes that [`repair`] made.
@@ -132,6 +132,9 @@ const CLOSING_ROUNDS: usize = 2;
 /// Number of intersecting pairs that are united even if there were fewer in the round before.
 const ALWAYS_UNITED: usize = 100;
 
+/// Difference, in sizes of the mesh, up to which coordinates along an axis are made equal where parts intersect.
+const LEVEL: f64 = 1e-12;
+
 /// Largest number of times that all rounds are repeated.
 const MAX_PASSES: usize = 2;
 
@@ -227,24 +230,30 @@ impl Work {
             self.orient();
             // Before faces that are there twice are dropped, and before sheets are parted: solids that share a
             // face or an edge are still whole.
-            let pairs = if round < UNITING_ROUNDS { self.crossings() } else { Vec::new() };
+            let mut pairs = if round < UNITING_ROUNDS { self.crossings() } else { Vec::new() };
+            if !pairs.is_empty() && self.level() {
+                pairs = self.crossings();
+            }
             // While that makes intersections fewer, it goes on.
             let united = pairs.len() <= self.most && self.unite(&pairs);
             if !pairs.is_empty() {
                 self.most = (pairs.len() - 1).max(ALWAYS_UNITED);
             }
+            if united {
+                // Slivers go before sheets are parted: the surface is still closed.
+                any = true;
+                continue;
+            }
             self.drop_duplicates();
             self.part();
-            if !united {
-                let pairs = self.crossings();
-                self.cut_crossings(&pairs, true);
-            }
+            let pairs = self.crossings();
+            self.cut_crossings(&pairs, true);
             if !self.changed {
                 return any;
             }
             any = true;
         }
-        // From here on triangles are only dropped, so that the loop ends.
+        // From here on edges are only made manifold and triangles dropped, so that the loop ends.
         while self.changed {
             self.changed = false;
             self.drop_duplicates();
@@ -254,6 +263,34 @@ impl Work {
             self.cut_crossings(&pairs, false);
         }
         any
+    }
+
+    /// Makes coordinates equal that differ by roundings, so that planes along the axes that are meant to be
+    /// one are. Returns whether any changed.
+    fn level(&mut self) -> bool {
+        let mut used: Vec<u32> = self.pieces.iter().flat_map(|piece| piece.corners).collect();
+        used.sort_unstable();
+        used.dedup();
+        let mut changed = false;
+        for axis in 0..3 {
+            let value = |points: &[DVec3], v: u32| points[v as usize][axis];
+            let mut order = used.clone();
+            order.sort_by(|a, b| value(&self.points, *a).total_cmp(&value(&self.points, *b)));
+            let (Some(low), Some(high)) = (order.first(), order.last()) else { return false };
+            let near = LEVEL * (value(&self.points, *high) - value(&self.points, *low));
+            let mut first = f64::NEG_INFINITY;
+            for v in order {
+                let own = value(&self.points, v);
+                if own - first > near || !own.is_finite() {
+                    first = own;
+                } else if own != first {
+                    self.points[v as usize][axis] = first;
+                    self.vertices[v as usize] = unnormalised(self.points[v as usize], self.exponent);
+                    changed = true;
+                }
+            }
+        }
+        changed
     }
 
     /// The pieces as a mesh; triangles and vertices keep their numbers.

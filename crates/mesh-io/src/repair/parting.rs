@@ -10,6 +10,7 @@ use palpate_core::TriMesh;
 use palpate_core::mesh::{Adjacency, EdgeKind, HalfEdge};
 
 use super::Work;
+use crate::intersect::unnormalised;
 
 impl Work {
     pub(super) fn part(&mut self) {
@@ -42,36 +43,62 @@ impl Work {
                 }
                 self.pieces[piece].corners[k] = vertex_of[fan];
             }
-            if !self.drop_unparted() {
+            if !self.separate() {
                 return;
             }
         }
     }
 
-    /// Drops triangles where copies of vertices did not help, since the sheets are connected around both ends
-    /// of the edge. Returns whether there were any.
-    fn drop_unparted(&mut self) -> bool {
+    /// Where copies of vertices did not help, since the sheets are connected around both ends of the edge:
+    /// cuts the edge in its middle, where they are not, if its triangles enclose wedges of material in pairs;
+    /// else drops triangles. Returns whether there were any.
+    fn separate(&mut self) -> bool {
         let mesh = self.mesh();
         let adjacency = mesh.adjacency();
         let mut gone = vec![false; self.pieces.len()];
+        let mut cut = vec![false; self.pieces.len()];
         for edge in 0..adjacency.edges().len() as u32 {
             let kind = adjacency.edge_kind(edge);
             if !matches!(kind, EdgeKind::NonManifold | EdgeKind::Misoriented) {
                 continue;
             }
-            let left: Vec<HalfEdge> = (adjacency.edge_sides(edge).iter().copied())
-                .filter(|side| !gone[side.triangle() as usize])
-                .collect();
+            let sides = adjacency.edge_sides(edge);
+            if sides.len() % 2 == 0 && wedges(&mesh, &adjacency, edge).len() == sides.len() / 2 {
+                // One edge of a triangle at a time: the next call cuts the others.
+                if !sides.iter().any(|s| cut[s.triangle() as usize] || gone[s.triangle() as usize]) {
+                    sides.iter().for_each(|side| cut[side.triangle() as usize] = true);
+                    self.cut_edge(adjacency.edges()[edge as usize], sides);
+                }
+                continue;
+            }
+            let left: Vec<HalfEdge> =
+                sides.iter().copied().filter(|side| !gone[side.triangle() as usize]).collect();
             let Some(first) = left.first() else { continue };
             let opposite = left.iter().find(|side| mesh.half_edge(**side) != mesh.half_edge(*first));
             for side in left.iter().filter(|side| *side != first && Some(*side) != opposite) {
-                gone[side.triangle() as usize] = true;
+                gone[side.triangle() as usize] = !cut[side.triangle() as usize];
             }
         }
         self.note_loss(&gone);
-        let count = self.retain(|i| !gone[i]);
+        let before = cut.iter().filter(|cut| **cut).count();
+        let count = self.retain(|i| i >= gone.len() || !gone[i]);
         self.summary.unparted_triangles += count;
-        count > 0
+        count + before > 0
+    }
+
+    /// Cuts triangles at the middle of an edge that they share.
+    fn cut_edge(&mut self, [u, v]: [u32; 2], sides: &[HalfEdge]) {
+        let middle = 0.5 * (self.points[u as usize] + self.points[v as usize]);
+        self.add_vertex(unnormalised(middle, self.exponent), middle, true);
+        let middle = self.points.len() as u32 - 1;
+        for side in sides {
+            let piece = &mut self.pieces[side.triangle() as usize];
+            let mut rest = *piece;
+            piece.corners[(side.side() as usize + 1) % 3] = middle;
+            rest.corners[side.side() as usize] = middle;
+            self.pieces.push(rest);
+        }
+        self.changed = true;
     }
 }
 

@@ -29,9 +29,11 @@ use crate::weld::equal_positions;
 /// Largest number of intersecting pairs in a group of components that is united, some ten microseconds each.
 const MAX_PAIRS: usize = 500_000;
 
-/// Largest sum over a group's triangles of the squared number of others that they intersect, since segments in
-/// a triangle are compared with each other.
-const MAX_COMPARED: usize = 100_000_000;
+/// Largest number, over a group's triangles, of pairs of others that cut one and overlap in it by their boxes.
+/// Their segments may cross there, and each costs 0.02 to 0.1 ms of exact arithmetic. Less is spent where most
+/// of the surface is open, since it has no inside to be hidden.
+const MAX_COMPARED: usize = 200_000;
+const MAX_COMPARED_OPEN: usize = 40_000;
 
 /// Largest number of others that one triangle of a group may intersect, for the depth of recursion.
 const MAX_CUTS: usize = 5_000;
@@ -113,12 +115,15 @@ impl Work {
         for (c, triangles) in members.iter().enumerate() {
             triangles.iter().for_each(|t| component[*t as usize] = c as u32);
         }
-        let mut partners = vec![0usize; self.pieces.len()];
-        for triangle in pairs.iter().flatten() {
-            partners[*triangle as usize] += 1;
+        let mut partners: Vec<Vec<u32>> = vec![Vec::new(); self.pieces.len()];
+        for [a, b] in pairs {
+            partners[*a as usize].push(*b);
+            partners[*b as usize].push(*a);
         }
         let mut crossed = vec![false; members.len()];
-        (0..partners.len()).filter(|t| partners[*t] > 0).for_each(|t| crossed[component[t] as usize] = true);
+        for triangle in pairs.iter().flatten() {
+            crossed[component[*triangle as usize] as usize] = true;
+        }
         let boxes = Boxes::new(members.len(), |c| {
             let corners = || members[c].iter().flat_map(|t| mesh.corners(*t as usize));
             let [low, high] = corners()
@@ -145,19 +150,44 @@ impl Work {
             } else if crossed[c] {
                 groups[own].open.extend(triangles);
             }
-            for count in triangles.iter().map(|t| partners[*t as usize]) {
-                total[own] += count;
-                compared[own] += if count > MAX_CUTS { MAX_COMPARED + 1 } else { count * count };
+            for t in triangles {
+                let cutting = &partners[*t as usize];
+                total[own] += cutting.len();
+                if cutting.len() > MAX_CUTS {
+                    compared[own] = MAX_COMPARED + 1;
+                } else if compared[own] <= MAX_COMPARED {
+                    compared[own] += self.crowding(*t, cutting);
+                }
             }
         }
         (groups.into_iter().enumerate())
-            .filter(|(g, _)| (1..=2 * MAX_PAIRS).contains(&total[*g]) && compared[*g] <= MAX_COMPARED)
+            .filter(|(g, group)| {
+                let open = group.open.len() > group.solid.len();
+                let most = if open { MAX_COMPARED_OPEN } else { MAX_COMPARED };
+                (1..=2 * MAX_PAIRS).contains(&total[*g]) && compared[*g] <= most
+            })
             .map(|(_, mut group)| {
                 group.solid.sort_unstable();
                 group.open.sort_unstable();
                 group
             })
             .collect()
+    }
+
+    /// The number of pairs of the triangles that cut `t` whose boxes overlap in the box of `t`.
+    fn crowding(&self, t: u32, cutting: &[u32]) -> usize {
+        let bounds = |t: u32| {
+            let [a, b, c] = self.positions(self.pieces[t as usize].corners);
+            [a.min(b).min(c), a.max(b).max(c)]
+        };
+        let common = |a: [DVec3; 2], b: [DVec3; 2]| [a[0].max(b[0]), a[1].min(b[1])];
+        let own = bounds(t);
+        let parts: Vec<[DVec3; 2]> = cutting.iter().map(|other| common(own, bounds(*other))).collect();
+        let overlap = |i: usize, j: usize| {
+            let [low, high] = common(parts[i], parts[j]);
+            low.cmple(high).all()
+        };
+        (0..parts.len()).map(|i| (0..i).filter(|j| overlap(i, *j)).count()).sum()
     }
 
     /// Components that share edges, as one body where they enclose a volume together only; else as they are.
@@ -197,7 +227,7 @@ impl Work {
         for t in triangles {
             let [a, b, c] = self.pieces[*t as usize].corners.map(key);
             for [u, v] in [[a, b], [b, c], [c, a]] {
-                *sum.entry([u.min(v), u.max(v)]).or_default() += if u < v { 1 } else { -1 };
+                *sum.entry([u.min(v), u.max(v)]).or_default() += i64::from(u < v) - i64::from(v < u);
             }
         }
         sum.values().all(|sum| *sum == 0)
