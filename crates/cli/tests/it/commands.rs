@@ -15,12 +15,13 @@ fn palpate(arguments: &[&str], folder: &Path) -> Output {
         .expect("the binary starts")
 }
 
-/// Runs a command that must succeed, and returns its standard output.
+/// Runs a command that must succeed, and returns its standard output. Of files with an open surface it may warn.
 fn succeeds(arguments: &[&str], folder: &Path) -> String {
     let output = palpate(arguments, folder);
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "palpate {arguments:?}: {stderr}");
-    assert!(stderr.is_empty(), "no progress where standard error is no terminal: {stderr}");
+    let open = |line: &str| line.contains(": warning: the surface is open ");
+    assert!(stderr.lines().all(open), "no progress where standard error is no terminal: {stderr}");
     String::from_utf8(output.stdout).expect("UTF-8")
 }
 
