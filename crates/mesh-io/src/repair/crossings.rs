@@ -7,7 +7,7 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::{Piece, Work};
+use super::Work;
 use crate::intersect::crossing_pairs;
 use crate::weld::equal_positions;
 
@@ -41,11 +41,7 @@ impl Work {
         let around = self.retain(|i| !removed[i]) - crossing;
         self.summary.intersecting_triangles += crossing;
         self.summary.surrounding_triangles += around;
-        for filling in fillings {
-            self.summary.filled_holes += 1;
-            self.summary.filling_triangles += filling.len();
-            self.pieces.extend(filling.into_iter().map(|corners| Piece { corners, turned: false }));
-        }
+        self.add_fillings(fillings);
     }
 }
 

@@ -1,4 +1,4 @@
-//! Closing of the holes that dropped triangles leave.
+//! Closing of the holes that dropped triangles leave, and of small openings.
 //!
 //! The border of a hole is a polygon in space. Of its triangulations without new vertices, the one of least
 //! area is found by dynamic programming (Barequet and Sharir 1995), among triangles that have an area,
@@ -6,14 +6,15 @@
 //! removed as well and the larger hole is tried, which untangles folds of a few triangles. If that fails too,
 //! they stay and the hole stays open.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use glam::DVec3;
 use palpate_core::TriMesh;
 use palpate_core::mesh::{Adjacency, HalfEdge};
 
-use super::Work;
+use super::{Piece, Work};
 use crate::intersect::{Boxes, cross};
+use crate::weld::{self, equal_positions};
 
 /// Number of edges of the largest hole to be closed: the number of triangles that are tried grows with its
 /// cube.
@@ -26,6 +27,10 @@ const MAX_RINGS: usize = 3;
 /// lose surface.
 const MIN_AREA_RATIO: f64 = 0.9;
 
+/// Size of the largest opening that is closed wherever it comes from, in sizes of the mesh. Cracks of exports
+/// are smaller, and what is meant to be open is larger.
+const SMALL: f64 = 0.02;
+
 /// Largest number of triangles tried in one round, some microseconds each.
 const MAX_TRIED: usize = 500_000;
 
@@ -36,19 +41,8 @@ impl Work {
         let adjacency = mesh.adjacency();
         let boxes = Boxes::new(removed.len(), |t| (!removed[t]).then(|| mesh.corners(t)));
         let tree = boxes.tree();
-        let mut filler = Filler {
-            work: self,
-            mesh,
-            adjacency: &adjacency,
-            removed: removed.to_vec(),
-            same,
-            negligible: self.negligible(),
-            near: &|bounds, found: &mut Vec<u32>| boxes.touching(bounds, &tree, found),
-            found: Vec::new(),
-            made: Vec::new(),
-            made_edges: HashSet::new(),
-            tried: 0,
-        };
+        let near = |bounds, found: &mut Vec<u32>| boxes.touching(bounds, &tree, found);
+        let mut filler = self.filler(mesh, &adjacency, removed.to_vec(), same, &near);
         let mut fillings = Vec::new();
         for hole in holes(&adjacency, removed) {
             let polygons = borders(mesh, &adjacency, &hole, removed);
@@ -88,6 +82,77 @@ impl Work {
         }
         removed.copy_from_slice(&filler.removed);
         fillings
+    }
+
+    /// Closes the small openings of a surface whose edges have one triangle or two.
+    pub(super) fn close_openings(&mut self) {
+        let mesh = self.mesh();
+        let adjacency = mesh.adjacency();
+        // A filling runs along a border against the triangles there.
+        let mut next: HashMap<u32, u32> = HashMap::new();
+        for edge in (0..adjacency.edges().len() as u32).filter(|e| adjacency.edge_sides(*e).len() == 1) {
+            let [from, to] = mesh.half_edge(adjacency.edge_sides(edge)[0]);
+            next.insert(to, from);
+        }
+        if next.is_empty() {
+            return;
+        }
+        let small = 2.0 * SMALL * weld::drop_unreferenced(&mesh).bounding_sphere().radius;
+        let mut polygons = Vec::new();
+        let mut starts: Vec<u32> = next.keys().copied().collect();
+        starts.sort_unstable();
+        for start in starts {
+            let (mut polygon, mut v) = (Vec::new(), start);
+            while let Some(after) = next.remove(&v) {
+                polygon.push(v);
+                v = after;
+            }
+            let corners = || polygon.iter().map(|v| self.points[*v as usize]);
+            let extent =
+                corners().fold(DVec3::NEG_INFINITY, DVec3::max) - corners().fold(DVec3::INFINITY, DVec3::min);
+            if v == start && extent.length() <= small {
+                polygons.push(polygon);
+            }
+        }
+        let same = equal_positions(&self.points);
+        let boxes = Boxes::new(self.pieces.len(), |t| Some(mesh.corners(t)));
+        let tree = boxes.tree();
+        let near = |bounds, found: &mut Vec<u32>| boxes.touching(bounds, &tree, found);
+        let mut filler = self.filler(&mesh, &adjacency, vec![false; self.pieces.len()], &same, &near);
+        let fillings: Vec<_> = polygons.iter().filter_map(|polygon| filler.fill(polygon)).collect();
+        self.add_fillings(fillings);
+    }
+
+    fn filler<'a>(
+        &'a self,
+        mesh: &'a TriMesh,
+        adjacency: &'a Adjacency,
+        removed: Vec<bool>,
+        same: &'a [u32],
+        near: &'a Near<'a>,
+    ) -> Filler<'a> {
+        Filler {
+            work: self,
+            mesh,
+            adjacency,
+            removed,
+            same,
+            negligible: self.negligible(),
+            near,
+            found: Vec::new(),
+            made: Vec::new(),
+            made_edges: HashSet::new(),
+            tried: 0,
+        }
+    }
+
+    pub(super) fn add_fillings(&mut self, fillings: Vec<Vec<[u32; 3]>>) {
+        for filling in fillings {
+            self.summary.filled_holes += 1;
+            self.summary.filling_triangles += filling.len();
+            self.pieces.extend(filling.into_iter().map(|corners| Piece { corners, turned: false }));
+            self.changed = true;
+        }
     }
 }
 

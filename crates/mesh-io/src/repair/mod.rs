@@ -12,11 +12,12 @@
 //! 4. solids that overlap are united, and open surfaces cut along their intersections ([`union`]);
 //! 5. where that is not possible, some of the triangles that intersect are dropped, so as to lose little area,
 //!    and the holes that this makes are closed where that is possible without another intersection
-//!    ([`crossings`], [`holes`]).
+//!    ([`crossings`], [`holes`]);
+//! 6. openings smaller than a fiftieth of the mesh are closed.
 //!
-//! Vertices move only where a crack is closed or an edge is shorter than rounding, and no surface is added,
-//! except over holes that were cut. Where a hole stays open, so does the mesh. What step 5 loses is measured
-//! ([`effect`]).
+//! Vertices move only where a crack is closed, an edge is shorter than rounding, or planes that intersect are
+//! apart by rounding. Surface is added over cut holes and small openings alone. Where a hole stays open, so
+//! does the mesh. What step 5 loses is measured ([`effect`]).
 
 mod crossings;
 mod duplicates;
@@ -248,6 +249,9 @@ impl Work {
             self.part();
             let pairs = self.crossings();
             self.cut_crossings(&pairs, true);
+            if !self.changed {
+                self.close_openings();
+            }
             if !self.changed {
                 return any;
             }

@@ -38,6 +38,9 @@ const MAX_COMPARED_OPEN: usize = 40_000;
 /// Largest number of others that one triangle of a group may intersect, for the depth of recursion.
 const MAX_CUTS: usize = 5_000;
 
+/// Share of a group's area up to which walls without thickness are folds.
+const MAX_FOLDS: f64 = 1e-3;
+
 /// Components whose boxes are connected by overlaps, of which some intersect.
 #[derive(Default)]
 struct Group {
@@ -249,17 +252,26 @@ impl Work {
         };
         let mut cuts = vec![0; solid.len() + open.len()];
         (0..graph.pieces.len()).for_each(|piece| cuts[origin(piece)] += 1);
-        let mut pieces = Vec::new();
+        let points: Vec<DVec3> = graph.verts_f64.iter().map(|p| DVec3::new(p.x, p.y, p.z)).collect();
+        // Walls of solids with both sides outside have no thickness: they stay if they are more than folds.
+        let (mut pieces, mut thin) = (Vec::new(), Vec::new());
         for &Wall { rep, .. } in &complex.walls {
             let inside = |side| winding.w[complex.cell(rep, side)][0] != 0;
             let [a, b, c] = graph.pieces[rep].vi;
             match (inside(NORMAL), inside(ANTI)) {
                 (true, true) => {}
                 (true, false) => pieces.push((origin(rep), [a, c, b], true)),
+                (false, false) if origin(rep) < solid.len() => thin.push((origin(rep), [a, b, c], false)),
                 (false, _) => pieces.push((origin(rep), [a, b, c], false)),
             }
         }
-        let points = graph.verts_f64.iter().map(|p| DVec3::new(p.x, p.y, p.z)).collect();
+        let area = |pieces: &[(usize, [u32; 3], bool)]| -> f64 {
+            let doubled = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).length();
+            pieces.iter().map(|(_, corners, _)| doubled(corners.map(|v| points[v as usize]))).sum()
+        };
+        if area(&thin) > MAX_FOLDS * area(&pieces) {
+            pieces.append(&mut thin);
+        }
         Remainder { points, pieces, cuts }
     }
 

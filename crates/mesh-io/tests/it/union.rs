@@ -85,7 +85,7 @@ fn boxes_that_share_planes_become_their_union() {
     println!("worst error of volume {worst:e}; {open} of 66 turned obliquely stay open");
     // Planes that are not along an axis are told apart by their roundings. (Limit set after 7 were seen.)
     assert!(open <= 8, "{open}");
-    assert!(overlapped > 150, "{overlapped}: in the others, a plain sum of the parts would do");
+    assert!(overlapped > 120, "{overlapped}: in the others, a plain sum of the parts would do");
 }
 
 /// The inside of the union is what is inside a part: winding numbers at random points against the parts' own
