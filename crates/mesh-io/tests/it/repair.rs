@@ -188,7 +188,7 @@ fn any_tangle_is_sound_after_repair() {
     println!("seed {seed}");
     let mut random = StdRng::seed_from_u64(seed);
     let mut changed_again = 0;
-    for round in 0..300 {
+    for round in 0..100 {
         let count = 3 + round % 40;
         // On a coarse lattice, so that vertices coincide, line up and share planes; or anywhere.
         let lattice = round % 2 == 0;
@@ -206,8 +206,8 @@ fn any_tangle_is_sound_after_repair() {
             changed_again += usize::from(repair(&result).0 != result);
         }
     }
-    println!("{changed_again} of 600 are changed by another repair");
-    assert!(changed_again <= 30, "{changed_again}");
+    println!("{changed_again} of 200 are changed by another repair");
+    assert!(changed_again <= 10, "{changed_again}");
 }
 
 #[test]

@@ -38,7 +38,7 @@ pub(super) struct BodyContacts {
     awaited: bool,
     slacks: Slacks,
     /// Contacts of this step and of the one before, which change places in each.
-    contacts: [StepContacts; 2],
+    contacts: [Box<StepContacts>; 2],
     /// Which are those of this step.
     now: usize,
     /// Pose at which the slacks are those of the points; the contacts' arms are from its centre of mass.
