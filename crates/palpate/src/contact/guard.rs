@@ -21,7 +21,7 @@ use super::near_features::NearFeature;
 
 /// Distance of surfaces up to which cells are smallest, as a fraction of their edge; beyond it they grow.
 /// With less, points that are soon needed are missing; with more, there are more points.
-const NEAR: f32 = 0.25;
+const NEAR: f32 = 4.0;
 
 /// Number of cells of tips along the edge of another. With fewer, tips beside each other are one; with more,
 /// there are more points.
@@ -203,6 +203,10 @@ impl Start {
     fn cell(&self, cells: &Cells) -> u64 {
         let edge = cells.edge as f32;
         let size = (cells.growth * ((self.distance / (NEAR * edge)).max(1.0) as u32).ilog2()).min(8);
+        if !self.is_tip && self.leash > edge * (1 << size) as f32 {
+            // It stands for more than a cell.
+            return self.feature();
+        }
         // Of tips, only those that are very near each other are one.
         let scale = if self.is_tip { TIPS / edge } else { 1.0 / (edge * (1 << size) as f32) };
         let [x, y, z] = (self.at * scale).floor().to_array().map(|at| (at as i32 & 0xFFF) as u64);
@@ -309,8 +313,19 @@ impl Guard {
         }
     }
 
+    /// Lets the point of each chosen start go wherever those may that it stands for.
+    fn lengthen(&mut self, cells: &Cells) {
+        for index in 0..self.starts.len() {
+            let Start { at, leash, .. } = self.starts[index];
+            let Some(&chosen) = self.cells.get(&self.starts[index].cell(cells)) else { continue };
+            let chosen = &mut self.starts[chosen as usize];
+            chosen.leash = chosen.leash.max(chosen.at.distance(at) + leash);
+        }
+    }
+
     /// Makes the points of the chosen starts, the nearest first.
     fn make(&mut self, geometry: &ContactGeometry, mesh: &Pose, limits: &Limits, cells: &Cells) {
+        self.lengthen(cells);
         self.points.clear();
         self.chosen.clear();
         self.chosen.extend(self.cells.values());

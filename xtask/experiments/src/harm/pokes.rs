@@ -1,8 +1,7 @@
 //! Pokes: tips, pips, blades, edges and corners that go at a flat slab, for a few contact intervals each, and
 //! a search for the pose, phase of the queries, speed, rate and shape that goes deepest.
 //!
-//! The depth is exact without any query: how far the probe's corners are below the slab's plane and within its
-//! sides.
+//! The depth is exact without any query: how far the probe's corners are within the slab.
 
 use std::f64::consts::TAU;
 use std::sync::OnceLock;
@@ -34,7 +33,7 @@ struct Shape {
     probe: Object,
     slab: Object,
     /// Half the sides of the slab, m.
-    half: DVec2,
+    half: DVec3,
 }
 
 impl Shape {
@@ -72,7 +71,7 @@ impl Shape {
             probe: solid.object("tip")?,
             corners: solid.vertices,
             slab: slab.object("slab")?,
-            half: half.truncate(),
+            half,
         })
     }
 }
@@ -259,7 +258,7 @@ impl Poke {
         let shape = Shape::get(self.shape).as_ref().map_err(Clone::clone)?;
         let specification = Emulation::default().specification;
         let lowest = shape.corners.iter().map(|corner| (self.turn * *corner).z).fold(f64::INFINITY, f64::min);
-        let at = (self.place * shape.half * 0.6).extend(self.height - lowest);
+        let at = (self.place * shape.half.truncate() * 0.6).extend(self.height - lowest);
         // A slanted poke reaches the slab above its place, wherever it starts.
         let back = self.along * (self.height / self.along.z);
         let start = Pose::new(at + DVec3::new(back.x, back.y, 0.0), self.turn);
@@ -288,9 +287,11 @@ impl Poke {
             touched |= record.contact.force != DVec3::ZERO;
             finite &= record.object.is_valid() && record.contact.is_finite() && record.coupling.is_finite();
             let corners = shape.corners.iter().map(|corner| record.object.transform_point(*corner));
-            // Beside the slab nothing holds them, and at its sides they are in it by how far they are within.
-            let within = |corner: DVec3| (shape.half - corner.truncate().abs()).min_element();
-            let depth = corners.map(|corner| within(corner).min(-corner.z)).fold(f64::NEG_INFINITY, f64::max);
+            // Beside the slab and below it nothing holds them, and at its sides they are in it by how far they
+            // are within.
+            let middle = DVec3::Z * -shape.half.z;
+            let within = |corner: DVec3| (shape.half - (corner - middle).abs()).min_element();
+            let depth = corners.map(within).fold(f64::NEG_INFINITY, f64::max);
             if depth > deepest {
                 (deepest, when) = (depth, now);
             }
