@@ -26,6 +26,13 @@ const LANES: usize = 8;
 /// Largest number of scene objects near the body. With more, a geometry takes longer to hand over.
 pub(crate) const MAX_OBJECTS: usize = 64;
 
+/// Motion in a step from which contacts are also found where the step leads, in margins between surfaces. With
+/// more, bodies go further into edges that they pass; with less, slow steps take longer.
+const MIN_AHEAD: f64 = 8.0;
+
+/// Cosine of the angle from which the normal there is another one.
+const AHEAD_NORMAL: f64 = 0.98;
+
 /// Distance within which contacts with a scene object are wanted beyond that of the body's own motion, in
 /// lengths of the object's motion in this step.
 const OBJECT_REACH: f64 = 2.0;
@@ -152,6 +159,7 @@ impl ContactGeometry {
         found.radius = self.bound.radius;
         let StepMotion { moved, reach, dt } = *motion;
         let mesh = state.pose * Pose::from_translation(-self.center_of_mass);
+        let next_mesh = state.pose.moved(&state.twist, dt) * Pose::from_translation(-self.center_of_mass);
         let Self { probe, objects, points, margin, friction, .. } = self;
         let mut first = 0;
         for (object, end) in objects.iter_mut().zip(&slacks.ends) {
@@ -172,6 +180,13 @@ impl ContactGeometry {
                 continue;
             }
             let frames = Frames::new((probe, &mesh), (&object.surface, &object.pose));
+            let twist = object.motion.twist;
+            // Where the step leads without contacts.
+            let next = (reach > MIN_AHEAD * *margin).then(|| {
+                let linear = twist.velocity_at(object.pose.translation);
+                let next = (next_mesh, object.pose.moved(&Twist { linear, ..twist }, dt));
+                (next, Frames::new((probe, &next.0), (&object.surface, &next.1)))
+            });
             let own = found.contacts.len();
             for &offset in &near {
                 let index = range.start + usize::from(offset);
@@ -191,19 +206,31 @@ impl ContactGeometry {
                 }
                 found.depth = found.depth.max(-measured.distance);
                 let (arm, normal) = (measured.point - state.pose.translation, measured.normal);
-                if found.merge(own, arm, normal, gap) {
-                    continue;
-                }
-                found.push(UnilateralContact {
+                let contact = UnilateralContact {
                     arm,
                     normal,
                     gap,
-                    velocity: object.motion.twist.velocity_at(measured.point),
+                    velocity: twist.velocity_at(measured.point),
                     friction: friction.static_coefficient,
                     impulse: DVec3::ZERO,
                     pushed: object.pushed,
                     key: index as u16,
-                });
+                };
+                found.add(own, contact);
+                let Some(((next_mesh, next_object), frames)) = &next else { continue };
+                // A gap along one normal says little where a step leads around an edge: what would overlap at
+                // its end gets a contact of its own, with the gap that is now along the normal there.
+                let mut later = *guarded;
+                let measured = later.measure(frames, *slack, 0.0);
+                if measured.distance > *margin || measured.normal.dot(normal) > AHEAD_NORMAL {
+                    continue;
+                }
+                let before = |next: &Pose, now: &Pose| *now * next.inverse();
+                let point = before(next_mesh, &mesh).transform_point(measured.point);
+                let surface = before(next_object, &object.pose).transform_point(measured.point);
+                let gap = measured.distance - *margin + measured.normal.dot(surface - point);
+                let (arm, normal) = (point - state.pose.translation, measured.normal);
+                found.add(own, UnilateralContact { arm, normal, gap, ..contact });
             }
         }
         found.take_over(before, friction);
@@ -398,9 +425,12 @@ impl StepContacts {
         false
     }
 
-    /// Adds a contact.
+    /// Adds a contact if there is none that is the same, of those with its own object: from the index `own` on.
     #[inline(always)]
-    fn push(&mut self, contact: UnilateralContact) {
+    fn add(&mut self, own: usize, contact: UnilateralContact) {
+        if self.contacts.is_full() || self.merge(own, contact.arm, contact.normal, contact.gap) {
+            return;
+        }
         let lane = self.contacts.len() % LANES;
         if lane == 0 {
             self.along.push([f64::INFINITY; LANES]);
