@@ -428,9 +428,13 @@ impl StepContacts {
     /// Adds a contact if there is none that is the same, of those with its own object: from the index `own` on.
     #[inline(always)]
     fn add(&mut self, own: usize, contact: UnilateralContact) {
-        if self.contacts.is_full() || self.merge(own, contact.arm, contact.normal, contact.gap) {
-            return;
+        if !self.contacts.is_full() && !self.merge(own, contact.arm, contact.normal, contact.gap) {
+            self.push(contact);
         }
+    }
+
+    #[inline(always)]
+    fn push(&mut self, contact: UnilateralContact) {
         let lane = self.contacts.len() % LANES;
         if lane == 0 {
             self.along.push([f64::INFINITY; LANES]);
