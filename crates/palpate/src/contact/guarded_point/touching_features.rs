@@ -11,7 +11,8 @@
 //! it is not one of them, the features are sought that touch: two edges touch along the normal of both,
 //! wherever on them the point has come to rest; else the nearest points of both surfaces are taken in turn.
 //! Should neither find any, the surfaces touch elsewhere, where the point's leash or the lack of edges keeps it
-//! from. A sharp feature then is held as it is, as a place of the body that may not pass the other one. So is a
+//! from. A direction along an edge is no contact then: further along it, another point is nearer. Any other sharp
+//! feature is held as it is, as a place of the body that may not pass the other one. So is a
 //! point in a flat part of its surface, unless it is the other surface that ends nearby: then that one's
 //! nearest point may not pass the plane of this one, which goes on.
 
@@ -29,6 +30,9 @@ const LEVEL: f64 = 2e-3;
 /// nearby. With more, surfaces are pushed sideways at edges inside bent faces; with less, points on leashes do
 /// not hold what touches beside them.
 const BLUNT: f64 = 2.0;
+
+/// Slope beyond the normals of an edge from which a direction rather is along it.
+const ALONG_EDGE: f64 = 0.7;
 
 /// Number of moves that a point tries beyond those of each step where it is not yet at features that touch.
 /// With fewer, features that it only passes are taken for such; with more, steps may take longer.
@@ -69,7 +73,9 @@ impl GuardedPoint {
         let is_over_face = |descent: &Descent| {
             descent.closest.distance >= 0.0 && matches!(descent.closest.feature, MeshFeature::Face(_))
         };
-        let is_sharp = |point: &Self, rise: f64| rise <= BLUNT * sides.own.sharpness(point.place.into());
+        let is_sharp = |point: &Self, rise: f64| {
+            rise <= ALONG_EDGE && rise <= BLUNT * sides.own.sharpness(point.place.into())
+        };
         if rise <= LEVEL || (is_over_face(&descent) && is_sharp(self, rise)) {
             return self.measured(frames, &descent);
         }
@@ -79,10 +85,17 @@ impl GuardedPoint {
         }
         let measured = self.measured(frames, &descent);
         let is_held = is_sharp(self, rise);
-        if rise <= LEVEL || (is_over_face(&descent) && is_held) {
+        if rise <= LEVEL {
+            return measured;
+        }
+        if is_over_face(&descent) && is_held {
             return measured;
         }
         let pair = self.crossing(&sides, &descent).or_else(|| self.in_turn(&sides, &descent));
+        // A direction along an edge leads to where the edge goes on, beyond the leash.
+        if pair.is_none() && rise > ALONG_EDGE && matches!(self.place, Place::Edge(..)) {
+            return Measured { distance: f64::INFINITY, is_settled: false, ..measured };
+        }
         let is_held = is_held || descent.closest.distance < 0.0;
         let facing = || if is_held { None } else { self.facing(&sides, &descent, rise / BLUNT) };
         let Some(pair) = pair.or_else(facing) else { return measured };
