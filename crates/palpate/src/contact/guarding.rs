@@ -35,6 +35,9 @@ const INTERVALS: f64 = 3.0;
 /// the scene.
 const MAX_INTERVAL: f64 = 0.1;
 
+/// Query interval for which a body that is clear of all surfaces has room before any is known, s.
+const FIRST_INTERVAL: f64 = 0.02;
+
 /// Acceleration of a body that its coupling draws, m/s². With less, a body that speeds up is held back; with
 /// more, points are guarded that it does not reach.
 const ACCELERATION: f64 = 5.0;
@@ -156,7 +159,10 @@ impl ContactLoop {
         let reach = (tolerance + speed * ahead + drawn).max(MIN_REACH * tolerance);
         let radius = self.probe.bounding_radius();
         let edge = CELL * radius;
-        let enough = reach + (draw.speed + 0.5 * HAND_ACCELERATION * ahead) * ahead;
+        let enough = {
+            let ahead = INTERVALS * if interval > 0.0 { interval } else { FIRST_INTERVAL };
+            reach + (draw.speed + 0.5 * HAND_ACCELERATION * ahead) * ahead
+        };
         let reaches = Reaches { reach, enough, edge, long: LONG * edge };
         let mut geometry = ContactGeometry {
             probe: self.probe.features()?,

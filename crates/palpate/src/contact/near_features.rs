@@ -30,6 +30,10 @@ const COARSE: f64 = 0.25;
 /// out of reach; with less, more distances are read.
 const STALE: (f64, f64) = (0.3, 0.05);
 
+/// Motion after which a distance out of reach is read again, as a fraction of it. With more, the bound on motion
+/// of a body that leaves a surface stays behind the true distance; with less, more distances are read.
+const WORN: f64 = 0.15;
+
 /// Number of readings of a query after which spheres out of reach are not divided further. With more, the
 /// first query of bodies far apart takes longer; with less, its bound is lower.
 const MAX_READ: usize = 1024;
@@ -222,6 +226,11 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
         gone.is_nan() || gone > most
     }
 
+    fn is_worn(&self, reading: &Reading) -> bool {
+        let gone = self.moved - reading.at;
+        self.read <= MAX_READ && gone > WORN * f64::from(reading.distance).abs()
+    }
+
     /// Whether nothing in a sphere of a radius, all of it at least `least` away, has to be passed on or to be
     /// measured more closely (m).
     fn is_out(&self, least: f64, radius: f64) -> bool {
@@ -242,7 +251,11 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
         let (distance, apart) = known;
         let least = distance - apart - extent;
         let is_near = distance + apart - extent <= self.reaches.reach;
-        if self.is_out(least, radius) || (is_near && is_divided(self, least)) || !self.is_stale(reading) {
+        let is_out = self.is_out(least, radius) && (least >= self.reaches.enough || !self.is_worn(reading));
+        if is_out
+            || (is_near && is_divided(self, least))
+            || !(self.is_stale(reading) || self.is_out(least, radius))
+        {
             return known;
         }
         *reading = self.read(at, reading.hint);
