@@ -218,18 +218,20 @@ impl ContactGeometry {
                 };
                 found.add(own, contact);
                 let Some(((next_mesh, next_object), frames)) = &next else { continue };
-                // A gap along one normal says little where a step leads around an edge: what would overlap at
-                // its end gets a contact of its own, with the gap that is now along the normal there.
-                let mut later = *guarded;
-                let measured = later.measure(frames, *slack, 0.0);
-                if measured.distance > *margin || measured.normal.dot(normal) > AHEAD_NORMAL {
+                // A gap along one normal says little where the step leads around an edge: what would overlap at
+                // its end gets a contact of its own, with the gap that is now along the normal there. A step
+                // brings nothing nearer by more than the motion in it.
+                let least = f64::from(*slack) - reach;
+                let later = { *guarded }.measure(frames, least as f32, 0.0);
+                let is_other = later.normal.dot(normal) < AHEAD_NORMAL;
+                if !(is_other && (least..*margin).contains(&later.distance)) {
                     continue;
                 }
                 let before = |next: &Pose, now: &Pose| *now * next.inverse();
-                let point = before(next_mesh, &mesh).transform_point(measured.point);
-                let surface = before(next_object, &object.pose).transform_point(measured.point);
-                let gap = measured.distance - *margin + measured.normal.dot(surface - point);
-                let (arm, normal) = (point - state.pose.translation, measured.normal);
+                let point = before(next_mesh, &mesh).transform_point(later.point);
+                let surface = before(next_object, &object.pose).transform_point(later.point);
+                let gap = later.distance - *margin + later.normal.dot(surface - point);
+                let (arm, normal) = (point - state.pose.translation, later.normal);
                 found.add(own, UnilateralContact { arm, normal, gap, ..contact });
             }
         }
