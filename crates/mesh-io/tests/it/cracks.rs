@@ -20,9 +20,8 @@ fn cut_sides(mesh: &TriMesh, parts: &mut dyn FnMut() -> u32) -> TriMesh {
     for (t, corners) in mesh.triangles().iter().enumerate() {
         let [a, b, c] = mesh.corners(t);
         let mut rim = Vec::new();
-        for side in 0..3 {
-            let (from, to) = (mesh.corners(t)[side], mesh.corners(t)[(side + 1) % 3]);
-            rim.push(corners[side]);
+        for (corner, [from, to]) in corners.iter().zip([[a, b], [b, c], [c, a]]) {
+            rim.push(*corner);
             let count = parts();
             for k in 1..count {
                 rim.push(vertices.len() as u32);
