@@ -30,10 +30,11 @@ use crate::weld::equal_positions;
 const MAX_PAIRS: usize = 500_000;
 
 /// Largest number, over a group's triangles, of pairs of others that cut one and overlap in it by their boxes.
-/// Their segments may cross there, and each costs 0.02 to 0.1 ms of exact arithmetic. Less is spent where most
-/// of the surface is open, since it has no inside to be hidden.
+/// Their segments may cross there, and each costs 0.02 to 0.1 ms of exact arithmetic.
 const MAX_COMPARED: usize = 200_000;
-const MAX_COMPARED_OPEN: usize = 40_000;
+
+/// Number of intersections of a group from which, if it is as many as there are triangles, it is a tangle.
+const MIN_TANGLE: usize = 200;
 
 /// Largest number of others that one triangle of a group may intersect, for the depth of recursion.
 const MAX_CUTS: usize = 5_000;
@@ -165,9 +166,10 @@ impl Work {
         }
         (groups.into_iter().enumerate())
             .filter(|(g, group)| {
-                let open = group.open.len() > group.solid.len();
-                let most = if open { MAX_COMPARED_OPEN } else { MAX_COMPARED };
-                (1..=2 * MAX_PAIRS).contains(&total[*g]) && compared[*g] <= most
+                // Open surfaces that cross all over are no more than that when they are cut.
+                let is_open = group.open.len() > group.solid.len();
+                let is_tangle = is_open && total[*g] >= group.open.len().max(MIN_TANGLE);
+                (1..=2 * MAX_PAIRS).contains(&total[*g]) && compared[*g] <= MAX_COMPARED && !is_tangle
             })
             .map(|(_, mut group)| {
                 group.solid.sort_unstable();
