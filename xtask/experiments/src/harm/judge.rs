@@ -254,6 +254,6 @@ mod tests {
         assert!(parts(&kept[..90], same, 1.0).silence < 1.0);
         assert!(parts(&kept, same, 1.0).silence > 1.0, "the same for 100 ms");
         assert!(parts(&kept, good, 0.01).silence < 1.0, "contacts of 110 ms ago");
-        assert!(parts(&[push(0.5); 560], good, 0.01).silence > 1.0, "contacts of 550 ms ago");
+        assert!(parts(&[push(0.5); 620], good, 0.01).silence > 1.0, "contacts of 610 ms ago");
     }
 }
