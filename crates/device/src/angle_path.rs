@@ -10,9 +10,9 @@ use std::path::Path;
 use glam::DVec3;
 use palpate_core::Pose;
 
-use crate::path::{Refusal, checked};
+use crate::path::checked;
 use crate::path_file::{SampleFormat, read_samples};
-use crate::sample_time::Origin;
+use crate::sample_time::{Origin, Refusal};
 use crate::{Interpolation, Keyframe, MotionPath, PathError};
 
 /// Largest size of an angle, rad. A larger one is taken for degrees.

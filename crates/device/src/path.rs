@@ -16,7 +16,7 @@ use glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
 
 use crate::PathError;
-use crate::sample_time::Origin;
+use crate::sample_time::{Origin, Refusal};
 
 /// Latest time (s) and largest coordinate (m) accepted: a held device is within both, and no derivative
 /// overflows.
@@ -176,12 +176,6 @@ impl MotionPath {
         };
         (pose, Twist::new(velocity / duration, left_jacobian(rotation, rate / duration)))
     }
-}
-
-/// Reason why a sample is refused, and the remedy.
-pub(crate) struct Refusal {
-    pub what: String,
-    pub remedy: &'static str,
 }
 
 /// The sample with its quaternion normalised, if it is valid after a sample at time `previous`.

@@ -15,8 +15,8 @@ use glam::{DQuat, DVec3};
 use palpate_core::Pose;
 
 use crate::PathError;
-use crate::path::{Interpolation, Keyframe, MotionPath, Refusal, checked};
-use crate::sample_time::{Origin, SampleTime};
+use crate::path::{Interpolation, Keyframe, MotionPath, checked};
+use crate::sample_time::{Origin, Refusal, SampleTime};
 
 /// The first line of a recorded motion.
 pub const PATH_HEADER: &str = "t,px,py,pz,qx,qy,qz,qw";

@@ -4,8 +4,6 @@
 //! 2.4e-7 s apart. They count from the first of them, which is subtracted before anything is rounded: whole
 //! seconds and fractions of a second apart.
 
-use crate::path::Refusal;
-
 /// Largest time of a first sample, s, up to which times are taken as they are: eleven days. Beyond it they
 /// are stamps, of which the first becomes 0. With more, times lose the nanoseconds by which samples may
 /// differ.
@@ -13,6 +11,12 @@ const MAX_START: f64 = 1e6;
 
 /// Largest stamp, s: of the year 5138. Those that count milliseconds since 1970 are larger.
 const MAX_STAMP: f64 = 1e11;
+
+/// Reason why a sample is refused, and the remedy.
+pub(crate) struct Refusal {
+    pub what: String,
+    pub remedy: &'static str,
+}
 
 /// A time as it was given, s.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -199,7 +199,8 @@ fn free_air_is_free() {
     }
 }
 
-/// With twenty contact queries a second and fewer, the object is felt where it is, and nothing drags it before.
+/// With twenty contact queries a second and fewer, the object is felt where it is, and nothing drags it
+/// before.
 #[test]
 fn late_contacts_are_felt_where_they_are() {
     let (ball, sheet) = (spindle(24, 0.01, (0.01, 0.01)), block(DVec3::new(0.1, 0.1, 0.002)));

@@ -123,8 +123,8 @@ fn run(probe: &Object, object: Object, steps: u32, moves: bool, settings: Settin
     contacts
 }
 
-/// Objects are added where the probe is, replaced and removed, of which nobody keeps a copy: their surfaces are
-/// not freed where the haptic loop lets go of them, and they are freed.
+/// Objects are added where the probe is, replaced and removed, of which nobody keeps a copy: their surfaces
+/// are not freed where the haptic loop lets go of them, and they are freed.
 #[test]
 fn the_haptic_loop_does_not_free_what_is_removed() {
     for response in [Response::Constraints, Response::Penalty] {

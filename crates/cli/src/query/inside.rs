@@ -50,7 +50,8 @@ pub fn look(
     Ok((Inside::of(containment.parts(), objects), depth))
 }
 
-/// At how many poses each object, or a part of it, is wholly inside the other; none where that is not defined.
+/// At how many poses each object, or a part of it, is wholly inside the other; none where that is not
+/// defined.
 #[derive(Serialize)]
 pub struct Insides {
     probe_inside: Option<usize>,

@@ -166,7 +166,8 @@ fn replay(
     Ok(Replay { summary: summarise(&poses, memory), poses })
 }
 
-/// Outcome and contacts of a query, with the number of parts of either object that are wholly inside the other.
+/// Outcome and contacts of a query, with the number of parts of either object that are wholly inside the
+/// other.
 type Answer<'a> = (QueryOutcome, &'a [PatchContact], Option<[usize; 2]>);
 
 /// Finds the contacts at a pose: those between patches, or those of the contact set, with the number of parts

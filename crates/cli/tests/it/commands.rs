@@ -15,7 +15,8 @@ fn palpate(arguments: &[&str], folder: &Path) -> Output {
         .expect("the binary starts")
 }
 
-/// Runs a command that must succeed, and returns its standard output. Of files with an open surface it may warn.
+/// Runs a command that must succeed, and returns its standard output. Of files with an open surface it may
+/// warn.
 fn succeeds(arguments: &[&str], folder: &Path) -> String {
     let output = palpate(arguments, folder);
     let stderr = String::from_utf8_lossy(&output.stderr);

@@ -219,7 +219,8 @@ fn the_hollow_of_a_shell_is_outside() {
     assert_eq!((outcome.contained, found.len()), ([1, 1], 2), "{found:?}");
     let tally = sweep(&small, &shell, 0.8, 100, "shell");
     assert!(tally.unseen > 10 && tally.crossing > 10 && tally.apart > 10, "{tally:?}");
-    // A shell around a ball in its hollow touches it nowhere; a shell in a shell is inside with both surfaces.
+    // A shell around a ball in its hollow touches it nowhere; a shell in a shell is inside with both
+    // surfaces.
     let tiny = Solid::new(
         vec![moved(&ball(1.0, 2), DVec3::ZERO, 0.1), turned_over(&moved(&ball(0.6, 2), DVec3::ZERO, 0.1))],
         1,

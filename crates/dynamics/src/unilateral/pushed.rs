@@ -25,8 +25,8 @@ const MAX_PAST: usize = 64;
 /// jerks at each answer; with more, it stays off for longer.
 const TAKE_OVER: (f64, f64) = (1.0, 2e-3);
 
-/// Difference to the host, m at the device and rad, beyond which a body was put elsewhere and is placed there at once. With
-/// less, it jumps where a host answers late; with more, it strikes what lies on its way.
+/// Difference to the host, m at the device and rad, beyond which a body was put elsewhere and is placed there
+/// at once. With less, it jumps where a host answers late; with more, it strikes what lies on its way.
 const ELSEWHERE: (f64, f64) = (0.05, 1.0);
 
 /// State of a body, told by its host.

@@ -16,8 +16,9 @@ use crate::linear_solve::inverse_definite;
 /// that comes free still counts as blocked.
 const MEMORY: f64 = 4.0;
 
-/// Velocity below which responses are not known, m/s at the device. With less, the noise of the host's answers looks like a
-/// response; with more, bodies on a floor sink in further before they are known to stand.
+/// Velocity below which responses are not known, m/s at the device. With less, the noise of the host's
+/// answers looks like a response; with more, bodies on a floor sink in further before they are known to
+/// stand.
 const NOISE: f64 = 3e-3;
 
 /// What is known of how a body responds.

@@ -115,8 +115,8 @@ impl FeatureMesh {
         self.is_closed
     }
 
-    /// Signed distance of a point from the surface, m, and a hint for a search nearby; 0 is one, too. Outside,
-    /// it may be too large: it is at least `share` times what is returned.
+    /// Signed distance of a point from the surface, m, and a hint for a search nearby; 0 is one, too.
+    /// Outside, it may be too large: it is at least `share` times what is returned.
     pub fn distance(&self, p: DVec3, hint: u32, share: f64) -> (f64, u32) {
         let found = self.exact.near(p, hint, share);
         (found.distance, found.hint)

@@ -24,8 +24,8 @@ impl Work {
         crossing_pairs(&self.points, mesh.triangles(), &same, MAX_PARTNERS, MAX_PAIRS)
     }
 
-    /// Drops triangles until none of the intersecting `pairs` is left; closes the holes where it can if `fill`
-    /// is set.
+    /// Drops triangles until none of the intersecting `pairs` is left; closes the holes where it can if
+    /// `fill` is set.
     pub(super) fn cut_crossings(&mut self, pairs: &[[u32; 2]], fill: bool) {
         if pairs.is_empty() {
             return;

@@ -1,8 +1,9 @@
 //! Removal of triangles at the same positions as an earlier one.
 //!
-//! Where two solids share a face that is cut in the same way, its triangles are there twice, facing each other.
-//! Both go if there is material on both sides; else one stays. After a union, whose pieces are there once, such
-//! pairs are gaps or walls thinner than rounding, and both go, so that the surface around them stays closed.
+//! Where two solids share a face that is cut in the same way, its triangles are there twice, facing each
+//! other. Both go if there is material on both sides; else one stays. After a union, whose pieces are there
+//! once, such pairs are gaps or walls thinner than rounding, and both go, so that the surface around them
+//! stays closed.
 
 use std::collections::HashMap;
 
@@ -10,11 +11,12 @@ use super::orientation::winding_number;
 use super::{Work, root};
 use crate::weld::equal_positions;
 
-/// Winding number above which a face is inside a solid. About a closed surface it is whole; cracks and rounding
-/// change it by less.
+/// Winding number above which a face is inside a solid. About a closed surface it is whole; cracks and
+/// rounding change it by less.
 const INSIDE: f64 = 0.999;
 
-/// Largest number of solid angles that are evaluated to decide which faces are inside, about a second's worth.
+/// Largest number of solid angles that are evaluated to decide which faces are inside, about a second's
+/// worth.
 const MAX_SOLID_ANGLES: usize = 1 << 25;
 
 impl Work {

@@ -1,4 +1,5 @@
-//! What repair does to the surface of a mesh: its area and volume before and after, and the area that is lost.
+//! What repair does to the surface of a mesh: its area and volume before and after, and the area that is
+//! lost.
 
 use glam::DVec3;
 use palpate_core::TriMesh;

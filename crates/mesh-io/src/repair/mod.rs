@@ -10,8 +10,8 @@
 //!    ([`orientation`]);
 //! 3. where sheets meet at an edge or a vertex, each sheet gets its own copy of it ([`parting`]);
 //! 4. solids that overlap are united, and open surfaces cut along their intersections ([`union`]);
-//! 5. where that is not possible, some of the triangles that intersect are dropped, so as to lose little area,
-//!    and the holes that this makes are closed where that is possible without another intersection
+//! 5. where that is not possible, some of the triangles that intersect are dropped, so as to lose little
+//!    area, and the holes that this makes are closed where that is possible without another intersection
 //!    ([`crossings`], [`holes`]);
 //! 6. openings smaller than a fiftieth of the mesh are closed.
 //!
@@ -49,8 +49,8 @@ pub struct RepairSummary {
     pub degenerate_triangles: usize,
     /// Triangles dropped because an earlier one has the same three positions, in either orientation.
     pub duplicate_triangles: usize,
-    /// Vertices merged with another: at triangles without area, that is closer than 10⁻¹² bounding radii; at a
-    /// crack, than 5 · 10⁻⁴ bounding radii.
+    /// Vertices merged with another: at triangles without area, that is closer than 10⁻¹² bounding radii; at
+    /// a crack, than 5 · 10⁻⁴ bounding radii.
     pub merged_vertices: usize,
     /// Triangles cut in two or more at a vertex that lies on one of their edges: a vertex of a crack (a
     /// T-junction) or of a triangle without area.
@@ -133,7 +133,8 @@ const CLOSING_ROUNDS: usize = 2;
 /// Number of intersecting pairs that are united even if there were fewer in the round before.
 const ALWAYS_UNITED: usize = 100;
 
-/// Difference, in sizes of the mesh, up to which coordinates along an axis are made equal where parts intersect.
+/// Difference, in sizes of the mesh, up to which coordinates along an axis are made equal where parts
+/// intersect.
 const LEVEL: f64 = 1e-12;
 
 /// Largest number of times that all rounds are repeated.
@@ -145,8 +146,8 @@ const MAX_PASSES: usize = 2;
 /// The result has no self-intersection, and its [validation](TriMesh::validate) reports a 2-manifold that is
 /// oriented, without degenerate, duplicate or non-finite triangles and, if it is closed, of a volume that is
 /// not negative. It may be empty. Copies of a vertex that separate two sheets are at the same position:
-/// welding such a mesh again undoes the separation. Repairing it again changes nothing, but in some tangles of
-/// faces that lie on each other. Triangles that are kept stay in order; those that are made come last.
+/// welding such a mesh again undoes the separation. Repairing it again changes nothing, but in some tangles
+/// of faces that lie on each other. Triangles that are kept stay in order; those that are made come last.
 pub fn repair(mesh: &TriMesh) -> (TriMesh, RepairSummary) {
     let (repaired, summary, _) = repair_measured(mesh);
     (repaired, summary)
@@ -229,8 +230,8 @@ impl Work {
             self.remove_slivers();
             self.close_cracks(round < CLOSING_ROUNDS);
             self.orient();
-            // Before faces that are there twice are dropped, and before sheets are parted: solids that share a
-            // face or an edge are still whole.
+            // Before faces that are there twice are dropped, and before sheets are parted: solids that share
+            // a face or an edge are still whole.
             let mut pairs = if round < UNITING_ROUNDS { self.crossings() } else { Vec::new() };
             if !pairs.is_empty() && self.level() {
                 pairs = self.crossings();

@@ -17,8 +17,8 @@ use crate::intersect::Boxes;
 /// dropped.
 const MAX_ROUNDS: usize = 16;
 
-/// Widths of the cracks that are closed, in bounding radii, one after the other. Files have six decimals or six
-/// digits: in a part of 4 mm that is written in metres, vertices are up to 0.9 µm off, and so are edges.
+/// Widths of the cracks that are closed, in bounding radii, one after the other. Files have six decimals or
+/// six digits: in a part of 4 mm that is written in metres, vertices are up to 0.9 µm off, and so are edges.
 const CRACKS: [f64; 4] = [1e-6, 1e-5, 1e-4, 5e-4];
 
 /// A side of a triangle at which there is no other.
@@ -90,10 +90,10 @@ impl Work {
         count.into_iter().filter(|(_, n)| *n > 1).map(|(side, _)| side).collect()
     }
 
-    /// Closes cracks of borders: joins vertices of borders that run along each other, and splits triangles of a
-    /// border at another border's vertices that lie on it. Files hold rounded coordinates, so that vertices are
-    /// beside edges that they should be on: the nearest are taken first, then those further away if `wide` is
-    /// set.
+    /// Closes cracks of borders: joins vertices of borders that run along each other, and splits triangles of
+    /// a border at another border's vertices that lie on it. Files hold rounded coordinates, so that vertices
+    /// are beside edges that they should be on: the nearest are taken first, then those further away if
+    /// `wide` is set.
     pub(super) fn close_cracks(&mut self, wide: bool) {
         let exact = 2.0 * self.negligible();
         let radius = exact / (2.0 * palpate_core::mesh::NEGLIGIBLE_HEIGHT);
@@ -199,8 +199,8 @@ impl Work {
         true
     }
 
-    /// The vertices of borders that lie within `tolerance` of a border's edge, by that edge; and the triangles
-    /// at such an edge that are so low that they would fold over when split, and go.
+    /// The vertices of borders that lie within `tolerance` of a border's edge, by that edge; and the
+    /// triangles at such an edge that are so low that they would fold over when split, and go.
     fn cracks(&self, border: &[Side], tolerance: f64, exact: f64) -> (Splits, HashSet<u32>) {
         let at = |v: u32| self.points[v as usize];
         let mut vertices: Vec<u32> = border.iter().flat_map(|side| side.ends).collect();

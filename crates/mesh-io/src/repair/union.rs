@@ -29,8 +29,8 @@ use crate::weld::equal_positions;
 /// Largest number of intersecting pairs in a group of components that is united, some ten microseconds each.
 const MAX_PAIRS: usize = 500_000;
 
-/// Largest number, over a group's triangles, of pairs of others that cut one and overlap in it by their boxes.
-/// Their segments may cross there, and each costs 0.02 to 0.1 ms of exact arithmetic.
+/// Largest number, over a group's triangles, of pairs of others that cut one and overlap in it by their
+/// boxes. Their segments may cross there, and each costs 0.02 to 0.1 ms of exact arithmetic.
 const MAX_COMPARED: usize = 200_000;
 
 /// Number of intersections of a group from which, if it is as many as there are triangles, it is a tangle.

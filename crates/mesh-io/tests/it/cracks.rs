@@ -12,8 +12,8 @@ use rand::{RngExt, SeedableRng};
 
 use crate::shapes::{ball, repaired};
 
-/// Cuts the sides of triangles at points of their own, which the neighbour across the side does not have: each
-/// triangle becomes a fan about its middle.
+/// Cuts the sides of triangles at points of their own, which the neighbour across the side does not have:
+/// each triangle becomes a fan about its middle.
 fn cut_sides(mesh: &TriMesh, parts: &mut dyn FnMut() -> u32) -> TriMesh {
     let mut vertices = mesh.vertices().to_vec();
     let mut triangles = Vec::new();

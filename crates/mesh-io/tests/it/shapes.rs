@@ -64,8 +64,8 @@ pub fn together(meshes: &[TriMesh]) -> TriMesh {
     TriMesh::new(vertices, triangles).unwrap()
 }
 
-/// A box with an edge that runs from the corner `low` to `high`, turned by `turn`, whose faces are cut along one
-/// diagonal or the other, by the bits of `diagonals`.
+/// A box with an edge that runs from the corner `low` to `high`, turned by `turn`, whose faces are cut along
+/// one diagonal or the other, by the bits of `diagonals`.
 pub fn cuboid(low: DVec3, high: DVec3, diagonals: u32, turn: DQuat) -> TriMesh {
     const QUADS: [[u32; 4]; 6] =
         [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
@@ -78,8 +78,8 @@ pub fn cuboid(low: DVec3, high: DVec3, diagonals: u32, turn: DQuat) -> TriMesh {
     TriMesh::new(vertices, triangles.collect()).unwrap()
 }
 
-/// Generalised winding number of a mesh about a point: the sum of the triangles' solid angles (Van Oosterom and
-/// Strackee 1983) over 4π.
+/// Generalised winding number of a mesh about a point: the sum of the triangles' solid angles (Van Oosterom
+/// and Strackee 1983) over 4π.
 pub fn winding_number(mesh: &TriMesh, point: DVec3) -> f64 {
     let angle = |t: usize| {
         let [a, b, c] = mesh.corners(t).map(|p| p - point);

@@ -21,8 +21,8 @@ fn exposed(cells: &HashSet<[i32; 3]>) -> usize {
     cells.iter().map(faces).sum()
 }
 
-/// Boxes on a lattice: they share planes, edges, corners and whole faces. The union's volume and area are those
-/// of the lattice cells.
+/// Boxes on a lattice: they share planes, edges, corners and whole faces. The union's volume and area are
+/// those of the lattice cells.
 #[test]
 fn boxes_that_share_planes_become_their_union() {
     let seed = 83;

@@ -26,8 +26,8 @@ const LANES: usize = 8;
 /// Largest number of scene objects near the body. With more, a geometry takes longer to hand over.
 pub(crate) const MAX_OBJECTS: usize = 64;
 
-/// Motion in a step from which contacts are also found where the step leads, in margins between surfaces. With
-/// more, bodies go further into edges that they pass; with less, slow steps take longer.
+/// Motion in a step from which contacts are also found where the step leads, in margins between surfaces.
+/// With more, bodies go further into edges that they pass; with less, slow steps take longer.
 const MIN_AHEAD: f64 = 8.0;
 
 /// Cosine of the angle from which the normal there is another one.
@@ -218,9 +218,9 @@ impl ContactGeometry {
                 };
                 found.add(own, contact);
                 let Some(((next_mesh, next_object), frames)) = &next else { continue };
-                // A gap along one normal says little where the step leads around an edge: what would overlap at
-                // its end gets a contact of its own, with the gap that is now along the normal there. A step
-                // brings nothing nearer by more than the motion in it.
+                // A gap along one normal says little where the step leads around an edge: what would overlap
+                // at its end gets a contact of its own, with the gap that is now along the normal there. A
+                // step brings nothing nearer by more than the motion in it.
                 let least = f64::from(*slack) - reach;
                 let later = { *guarded }.measure(frames, least as f32, 0.0);
                 let is_other = later.normal.dot(normal) < AHEAD_NORMAL;
@@ -427,7 +427,8 @@ impl StepContacts {
         false
     }
 
-    /// Adds a contact if there is none that is the same, of those with its own object: from the index `own` on.
+    /// Adds a contact if there is none that is the same, of those with its own object: from the index `own`
+    /// on.
     #[inline(always)]
     fn add(&mut self, own: usize, contact: UnilateralContact) {
         if !self.contacts.is_full() && !self.merge(own, contact.arm, contact.normal, contact.gap) {

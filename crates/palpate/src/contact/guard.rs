@@ -95,8 +95,8 @@ pub(super) struct Guard {
     known: Known,
 }
 
-/// Points of the last query by the features and the cells that they started from, from which those of the next
-/// one start.
+/// Points of the last query by the features and the cells that they started from, from which those of the
+/// next one start.
 #[derive(Debug, Default)]
 struct Known {
     points: HashMap<u64, GuardedPoint, FixedState>,

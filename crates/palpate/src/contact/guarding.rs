@@ -54,8 +54,8 @@ const MAX_STARTS: usize = 131_072;
 /// meshes touch are left out; with less, edges of fine meshes are searched one by one.
 const LONG: f64 = 2.0;
 
-/// Acceleration of a hand, m/s², at which a body that is clear of all surfaces is not held back. With more, it
-/// takes longer to find how far it is clear of them.
+/// Acceleration of a hand, m/s², at which a body that is clear of all surfaces is not held back. With more,
+/// it takes longer to find how far it is clear of them.
 const HAND_ACCELERATION: f64 = 50.0;
 
 /// Time of motion within which a step may meet a point, s. With more, cells are larger than they need to be.
@@ -77,6 +77,7 @@ pub(crate) struct Draw {
 }
 
 /// An object near the body, its starts, and the least distance of what they stand for, m.
+#[derive(Debug)]
 struct Found {
     object: NearObject,
     starts: Range<usize>,
@@ -89,6 +90,9 @@ pub(super) struct Pairs {
     pairs: Vec<Option<Pair>>,
     /// Number of queries so far.
     queries: u64,
+    /// Workspaces.
+    handles: Vec<ObjectHandle>,
+    found: Vec<Found>,
 }
 
 #[derive(Debug)]
@@ -206,11 +210,13 @@ impl ContactLoop {
         };
         events.contact_refused += u64::from(invalid > 0);
         let mut room = if invalid > 0 { 0.0 } else { reaches.enough };
-        let handles: Vec<ObjectHandle> = self.scene.near().collect();
         let mut pairs = std::mem::take(&mut self.pairs);
+        let mut handles = std::mem::take(&mut pairs.handles);
+        handles.clear();
+        handles.extend(self.scene.near());
         let ball = (self.center_of_mass, self.radius);
-        let mut near: Vec<Found> = Vec::with_capacity(handles.len());
-        for handle in handles {
+        let mut near = std::mem::take(&mut pairs.found);
+        for &handle in &handles {
             let Some(object) = self.near_object(handle) else { continue };
             let to_probe = mesh.inverse() * object.pose;
             let (probe, scene) = (&*geometry.probe, &*object.surface);
@@ -241,7 +247,8 @@ impl ContactLoop {
             near.sort_unstable_by_key(|found| found.starts.start);
         }
         guard.keep(near.iter().map(|found| found.starts.clone()));
-        geometry.objects.extend(near.into_iter().map(|found| found.object));
+        geometry.objects.extend(near.drain(..).map(|found| found.object));
+        (pairs.handles, pairs.found) = (handles, near);
         pairs.end();
         self.pairs = pairs;
         room

@@ -1,10 +1,10 @@
-//! The convex features of two surfaces near each other, where guarded points start, and how far the bodies may
-//! move before any other feature could touch.
+//! The convex features of two surfaces near each other, where guarded points start, and how far the bodies
+//! may move before any other feature could touch.
 //!
-//! Each body's features are in a [hierarchy](FeatureTree) of spheres. A sphere's distance from the other surface
-//! is read at its centre, exactly, and holds to within the motion since: it is read again only when that
-//! motion could decide whether the sphere is within reach. So a query costs what has changed, and what is
-//! left out bounds the motion by a distance that is proved: first contacts are at convex features alone.
+//! Each body's features are in a [hierarchy](FeatureTree) of spheres. A sphere's distance from the other
+//! surface is read at its centre, exactly, and holds to within the motion since: it is read again only when
+//! that motion could decide whether the sphere is within reach. So a query costs what has changed, and what
+//! is left out bounds the motion by a distance that is proved: first contacts are at convex features alone.
 
 use std::ops::Range;
 
@@ -30,16 +30,16 @@ const COARSE: f64 = 0.25;
 /// out of reach; with less, more distances are read.
 const STALE: (f64, f64) = (0.3, 0.05);
 
-/// Motion after which a distance out of reach is read again, as a fraction of it. With more, the bound on motion
-/// of a body that leaves a surface stays behind the true distance; with less, more distances are read.
+/// Motion after which a distance out of reach is read again, as a fraction of it. With more, the bound on
+/// motion of a body that leaves a surface stays behind the true distance; with less, more distances are read.
 const WORN: f64 = 0.15;
 
 /// Number of readings of a query after which spheres out of reach are not divided further. With more, the
 /// first query of bodies far apart takes longer; with less, its bound is lower.
 const MAX_READ: usize = 1024;
 
-/// Largest distance between starts on an edge over one flat part of the other surface, in edges of cells. With
-/// more, the surface may end between them unseen; with less, edges that lie on faces have many contacts.
+/// Largest distance between starts on an edge over one flat part of the other surface, in edges of cells.
+/// With more, the surface may end between them unseen; with less, edges that lie on faces have many contacts.
 const FLAT_STEP: f64 = 4.0;
 
 /// Smallest cosine of the angle between faces of a flat part.
@@ -91,6 +91,9 @@ pub(super) struct NearFeatures {
     last: Option<Pose>,
     /// Sum of the motions from query to query, m.
     moved: f64,
+    /// Workspaces: nodes to go to, and parts of an edge: number, ends as shares of its length, and hint.
+    nodes: Vec<u32>,
+    ways: Vec<(usize, f64, f64, u32)>,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -124,6 +127,8 @@ struct Search<'a, F> {
     read: usize,
     /// Least distance of what was not passed on, m.
     room: f64,
+    stack: &'a mut Vec<u32>,
+    ways: &'a mut Vec<(usize, f64, f64, u32)>,
     to: F,
 }
 
@@ -186,6 +191,8 @@ impl NearFeatures {
                 reaches: *reaches,
                 read: 0,
                 room,
+                stack: &mut self.nodes,
+                ways: &mut self.ways,
                 to: &mut to,
             };
             search.vertices(&tree.vertices, &mut readings.vertices);
@@ -268,8 +275,8 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
     }
 
     fn vertices(&mut self, nodes: &[FeatureNode], readings: &mut [Reading]) {
-        let mut stack: Vec<u32> = if nodes.is_empty() { Vec::new() } else { vec![0] };
-        while let Some(index) = stack.pop() {
+        self.stack.extend((!nodes.is_empty()).then_some(0));
+        while let Some(index) = self.stack.pop() {
             let node = &nodes[index as usize];
             // Edges reach out of the sphere by half of their length, until another end stands for them.
             let extent = node.radius + node.extent.min(0.5 * self.reaches.long);
@@ -289,7 +296,7 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
                 self.pass_vertex(&nodes[nearest as usize], &readings[nearest as usize], size);
             } else {
                 let hint = readings[index as usize].hint;
-                stack.extend(with_hint(node, readings, hint));
+                self.stack.extend(with_hint(node, readings, hint));
             }
         }
     }
@@ -333,8 +340,8 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
 
     fn edges(&mut self, nodes: &[FeatureNode], readings: &mut Readings) {
         let Readings { edges: readings, parts, .. } = readings;
-        let mut stack: Vec<u32> = if nodes.is_empty() { Vec::new() } else { vec![0] };
-        while let Some(index) = stack.pop() {
+        self.stack.extend((!nodes.is_empty()).then_some(0));
+        while let Some(index) = self.stack.pop() {
             let node = &nodes[index as usize];
             if 2.0 * node.extent <= self.reaches.long {
                 continue;
@@ -351,7 +358,7 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
                 self.pass_edge(node, &reading, &mut parts[index as usize]);
             } else {
                 let hint = readings[index as usize].hint;
-                stack.extend(with_hint(node, readings, hint));
+                self.stack.extend(with_hint(node, readings, hint));
             }
         }
     }
@@ -362,9 +369,9 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
         let [from, to] = self.own.ends_of(node.feature);
         let length = from.distance(to);
         // The halves of part i are parts 2 i and 2 i + 1.
-        let mut stack = vec![(1, 0.0, 1.0, whole.hint)];
+        self.ways.push((1, 0.0, 1.0, whole.hint));
         let mut run = FlatRun::default();
-        while let Some((part, first, last, hint)) = stack.pop() {
+        while let Some((part, first, last, hint)) = self.ways.pop() {
             let share = 0.5 * (first + last);
             let half = 0.5 * length * (last - first);
             let point = from + (to - from) * share;
@@ -389,7 +396,7 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
             } else {
                 let hint = readings[part].hint;
                 // Along the edge, so that its parts come in their order.
-                stack.extend([(2 * part + 1, share, last, hint), (2 * part, first, share, hint)]);
+                self.ways.extend([(2 * part + 1, share, last, hint), (2 * part, first, share, hint)]);
             }
         }
         run.end(&mut self.to);

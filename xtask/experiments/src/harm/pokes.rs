@@ -287,8 +287,8 @@ impl Poke {
             touched |= record.contact.force != DVec3::ZERO;
             finite &= record.object.is_valid() && record.contact.is_finite() && record.coupling.is_finite();
             let corners = shape.corners.iter().map(|corner| record.object.transform_point(*corner));
-            // Beside the slab and below it nothing holds them, and at its sides they are in it by how far they
-            // are within.
+            // Beside the slab and below it nothing holds them, and at its sides they are in it by how far
+            // they are within.
             let middle = DVec3::Z * -shape.half.z;
             let within = |corner: DVec3| (shape.half - (corner - middle).abs()).min_element();
             let depth = corners.map(within).fold(f64::NEG_INFINITY, f64::max);

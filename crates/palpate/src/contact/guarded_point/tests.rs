@@ -172,9 +172,9 @@ fn tiled(edges: DVec3, cells: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     (vertices.collect(), triangles)
 }
 
-/// Contacts of a box with a flat plate of many facets are along the plate's normal, and the plate is on its own
-/// side of them: by all of its vertices. The points start off the places that touch, on short leashes, as those
-/// of a query often do. The mere directions between nearest points are across.
+/// Contacts of a box with a flat plate of many facets are along the plate's normal, and the plate is on its
+/// own side of them: by all of its vertices. The points start off the places that touch, on short leashes, as
+/// those of a query often do. The mere directions between nearest points are across.
 #[test]
 fn contacts_with_a_flat_plate_are_along_its_normal() {
     let mut rng = StdRng::seed_from_u64(0x60A3);

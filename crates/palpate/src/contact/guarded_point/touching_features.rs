@@ -10,9 +10,9 @@
 //! So each direction is held against the normals of the features on both sides ([`FeatureMesh::rise`]). Where
 //! it is not one of them, the features are sought that touch: two edges touch along the normal of both,
 //! wherever on them the point has come to rest; else the nearest points of both surfaces are taken in turn.
-//! Should neither find any, the surfaces touch elsewhere, where the point's leash or the lack of edges keeps it
-//! from. A direction along an edge is no contact then: further along it, another point is nearer. Any other sharp
-//! feature is held as it is, as a place of the body that may not pass the other one. So is a
+//! Should neither find any, the surfaces touch elsewhere, where the point's leash or the lack of edges keeps
+//! it from. A direction along an edge is no contact then: further along it, another point is nearer. Any
+//! other sharp feature is held as it is, as a place of the body that may not pass the other one. So is a
 //! point in a flat part of its surface, unless it is the other surface that ends nearby: then that one's
 //! nearest point may not pass the plane of this one, which goes on.
 
@@ -27,8 +27,8 @@ use super::{Descent, Frames, GuardedPoint, Measured, Sides};
 const LEVEL: f64 = 2e-3;
 
 /// Slope beyond the normals of a feature, relative to its sharpness, up to which it stands for another one
-/// nearby. With more, surfaces are pushed sideways at edges inside bent faces; with less, points on leashes do
-/// not hold what touches beside them.
+/// nearby. With more, surfaces are pushed sideways at edges inside bent faces; with less, points on leashes
+/// do not hold what touches beside them.
 const BLUNT: f64 = 2.0;
 
 /// Slope beyond the normals of an edge from which a direction rather is along it.
