@@ -25,7 +25,7 @@
 //! the hand did not put in.
 //!
 //! Overlaps that cannot all be undone, as of a part that starts in a hole too narrow for it, are held as deep
-//! as they are, without force between them (`recovery`): the body is free along their surfaces.
+//! as they are, without force between them (`overlaps`): the body is free along their surfaces.
 //!
 //! # Many contacts
 //!
@@ -46,8 +46,8 @@
 //! contacts.
 
 mod normals;
+mod overlaps;
 mod pushed;
-mod recovery;
 mod response;
 mod solver;
 mod step;

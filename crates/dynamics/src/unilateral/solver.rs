@@ -15,8 +15,8 @@ use glam::DVec3;
 use palpate_core::Twist;
 
 use super::normals::{Normals, Side};
+use super::overlaps::shared;
 use super::pushed::Pushed;
-use super::recovery::shared;
 use super::vector::{Six, Vector, add, dot, sum};
 use super::{MAX_UNILATERAL, UnilateralContact};
 use crate::system::six;

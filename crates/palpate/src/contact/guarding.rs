@@ -1,6 +1,5 @@
 //! The step of the contact loop that finds contact geometry.
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use palpate_collide::ObjectHandle;
@@ -13,7 +12,8 @@ use super::ContactLoop;
 use super::assemble::counterpart;
 use super::geometry::{ContactGeometry, MAX_OBJECT_MOTION, MAX_OBJECTS, NearObject};
 use super::guard::{Guard, Limits, Start};
-use super::near_features::{NearFeatures, Reaches};
+use super::near_features::Reaches;
+use super::pairs::{Draw, Found};
 
 /// Edge of the cells in each of which a point starts, in bounding radii of the body. With larger cells, local
 /// minima of the distance are missed; with smaller ones there are more points.
@@ -63,80 +63,6 @@ const NEAR_TIME: f64 = 1e-3;
 
 /// The same for a body at rest, in tolerances d.
 const MIN_NEAR: f64 = 0.1;
-
-/// Number of queries after which what is known of an object that was not near in them is forgotten.
-const KEPT: u64 = 256;
-
-/// What draws a body on, by the haptic loop.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Draw {
-    /// Bound on how far any point of the body is from where the hand would hold it, m.
-    pub stretch: f64,
-    /// Bound on the speed of any point of a body in the hand, m/s.
-    pub speed: f64,
-}
-
-/// An object near the body, its starts, and the least distance of what they stand for, m.
-#[derive(Debug)]
-struct Found {
-    object: NearObject,
-    starts: Range<usize>,
-    least: f64,
-}
-
-/// What is known of the distances from the scene objects, by their places.
-#[derive(Debug, Default)]
-pub(super) struct Pairs {
-    pairs: Vec<Option<Pair>>,
-    /// Number of queries so far.
-    queries: u64,
-    /// Workspaces.
-    handles: Vec<ObjectHandle>,
-    found: Vec<Found>,
-}
-
-#[derive(Debug)]
-struct Pair {
-    near: NearFeatures,
-    surface: Arc<FeatureMesh>,
-    /// Query in which the object was last near.
-    used: u64,
-}
-
-impl Pairs {
-    /// What is known of the object at a place, with a surface.
-    fn of(&mut self, place: usize, surface: &Arc<FeatureMesh>) -> &mut NearFeatures {
-        if self.pairs.len() <= place {
-            self.pairs.resize_with(place + 1, || None);
-        }
-        let kept = self.pairs[place].take().filter(|pair| Arc::ptr_eq(&pair.surface, surface));
-        let made = || Pair { near: NearFeatures::default(), surface: Arc::clone(surface), used: 0 };
-        let pair = self.pairs[place].insert(kept.unwrap_or_else(made));
-        pair.used = self.queries;
-        &mut pair.near
-    }
-
-    /// Forgets the object at a place.
-    pub fn remove(&mut self, place: usize) {
-        if let Some(pair) = self.pairs.get_mut(place) {
-            *pair = None;
-        }
-    }
-
-    /// Ends a query: forgets objects that have not been near for long.
-    fn end(&mut self) {
-        self.queries += 1;
-        let queries = self.queries;
-        for pair in &mut self.pairs {
-            pair.take_if(|pair| pair.used + KEPT < queries);
-        }
-    }
-
-    /// Bytes of memory held.
-    pub fn bytes(&self) -> usize {
-        self.pairs.iter().flatten().map(|pair| pair.near.bytes()).sum()
-    }
-}
 
 impl ContactLoop {
     /// Whether contacts with the object at a place are constraints. Contacts with light objects that they
