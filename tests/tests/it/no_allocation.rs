@@ -119,7 +119,8 @@ fn run(probe: &Object, object: Object, steps: u32, moves: bool, settings: Settin
     assert_eq!(pushed, moves, "whether it was pushed");
     let response = settings.contact.response;
     assert_eq!(in_haptic, 0, "{response:?}: allocations in {steps} haptic steps");
-    // The contact thread is not in real time: its workspaces may grow once more. (Limit set after 32 were seen.)
+    // The contact thread is not in real time: its workspaces may grow once more. (Limit set after 32 were
+    // seen.)
     assert!(
         in_contact < 100,
         "{response:?}: {in_contact} allocations in contact steps after the first ten seconds"
