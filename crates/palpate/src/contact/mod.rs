@@ -43,7 +43,6 @@ pub(crate) use self::pairs::Draw;
 use self::pairs::Pairs;
 pub(crate) use self::search::ByLevels;
 use self::search::{RESERVED, choose};
-use self::stages::Ran;
 use self::touching::Patches;
 use crate::contact::monitor::{ContactMonitor, MonitorFeed};
 use crate::contact::proxy::{LevelFinder, Proxy};
@@ -97,6 +96,16 @@ impl ContactUpdate {
             geometry: None,
         }
     }
+}
+
+/// What has run in the steps so far.
+#[derive(Clone, Copy, Debug, Default)]
+struct Ran {
+    /// Whether constraints were found, and penalty contacts searched for.
+    constraints: bool,
+    penalties: bool,
+    /// Largest number of scene objects at once.
+    objects: usize,
 }
 
 /// The state of the contact loop, with the workspaces of its queries.

@@ -9,16 +9,6 @@ use crate::settings::{ContactSettings, Response, SearchSettings, Settings, Textu
 /// Largest number of objects that a line names.
 const MAX_NAMED: usize = 4;
 
-/// What has run in the steps so far.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Ran {
-    /// Whether constraints were found, and penalty contacts searched for.
-    pub constraints: bool,
-    pub penalties: bool,
-    /// Largest number of scene objects at once.
-    pub objects: usize,
-}
-
 /// Objects that contacts are penalties with.
 #[derive(Clone, Debug, PartialEq)]
 enum Penalties {
