@@ -146,6 +146,7 @@ impl Work {
         }
     }
 
+    /// Adds triangles that close holes, a list for each.
     pub(super) fn add_fillings(&mut self, fillings: Vec<Vec<[u32; 3]>>) {
         for filling in fillings {
             self.summary.filled_holes += 1;

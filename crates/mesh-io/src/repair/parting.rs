@@ -80,10 +80,9 @@ impl Work {
             }
         }
         self.note_loss(&gone);
-        let before = cut.iter().filter(|cut| **cut).count();
         let count = self.retain(|i| i >= gone.len() || !gone[i]);
         self.summary.unparted_triangles += count;
-        count + before > 0
+        count > 0 || cut.contains(&true)
     }
 
     /// Cuts triangles at the middle of an edge that they share.

@@ -158,8 +158,8 @@ impl ContactGeometry {
         found.clear();
         found.radius = self.bound.radius;
         let StepMotion { moved, reach, dt } = *motion;
-        let mesh = state.pose * Pose::from_translation(-self.center_of_mass);
-        let next_mesh = state.pose.moved(&state.twist, dt) * Pose::from_translation(-self.center_of_mass);
+        let to_mesh = Pose::from_translation(-self.center_of_mass);
+        let mesh = state.pose * to_mesh;
         let Self { probe, objects, points, margin, friction, .. } = self;
         let mut first = 0;
         for (object, end) in objects.iter_mut().zip(&slacks.ends) {
@@ -181,11 +181,13 @@ impl ContactGeometry {
             }
             let frames = Frames::new((probe, &mesh), (&object.surface, &object.pose));
             let twist = object.motion.twist;
-            // Where the step leads without contacts.
+            // Where the step leads without contacts, and how both bodies get back from there.
             let next = (reach > MIN_AHEAD * *margin).then(|| {
                 let linear = twist.velocity_at(object.pose.translation);
-                let next = (next_mesh, object.pose.moved(&Twist { linear, ..twist }, dt));
-                (next, Frames::new((probe, &next.0), (&object.surface, &next.1)))
+                let next_mesh = state.pose.moved(&state.twist, dt) * to_mesh;
+                let next_object = object.pose.moved(&Twist { linear, ..twist }, dt);
+                let back = [mesh * next_mesh.inverse(), object.pose * next_object.inverse()];
+                (back, Frames::new((probe, &next_mesh), (&object.surface, &next_object)))
             });
             let own = found.contacts.len();
             for &offset in &near {
@@ -217,7 +219,7 @@ impl ContactGeometry {
                     key: index as u16,
                 };
                 found.add(own, contact);
-                let Some(((next_mesh, next_object), frames)) = &next else { continue };
+                let Some((back, frames)) = &next else { continue };
                 // A gap along one normal says little where the step leads around an edge: what would overlap
                 // at its end gets a contact of its own, with the gap that is now along the normal there. A
                 // step brings nothing nearer by more than the motion in it.
@@ -227,9 +229,7 @@ impl ContactGeometry {
                 if !(is_other && (least..*margin).contains(&later.distance)) {
                     continue;
                 }
-                let before = |next: &Pose, now: &Pose| *now * next.inverse();
-                let point = before(next_mesh, &mesh).transform_point(later.point);
-                let surface = before(next_object, &object.pose).transform_point(later.point);
+                let [point, surface] = back.map(|back| back.transform_point(later.point));
                 let gap = later.distance - *margin + later.normal.dot(surface - point);
                 let (arm, normal) = (point - state.pose.translation, later.normal);
                 found.add(own, UnilateralContact { arm, normal, gap, ..contact });

@@ -19,7 +19,7 @@ use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, NearObject};
 use super::guarded_point::{Frames, GuardedPoint};
 use super::near_features::NearFeature;
 
-/// Distance of surfaces up to which cells are smallest, as a fraction of their edge; beyond it they grow.
+/// Distance of surfaces up to which cells are smallest, in edges of theirs; beyond it they grow.
 /// With less, points that are soon needed are missing; with more, there are more points.
 const NEAR: f32 = 4.0;
 

@@ -233,6 +233,7 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
         gone.is_nan() || gone > most
     }
 
+    /// Whether a distance is too old to bound the motion closely.
     fn is_worn(&self, reading: &Reading) -> bool {
         let gone = self.moved - reading.at;
         self.read <= MAX_READ && gone > WORN * f64::from(reading.distance).abs()
@@ -258,11 +259,12 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
         let (distance, apart) = known;
         let least = distance - apart - extent;
         let is_near = distance + apart - extent <= self.reaches.reach;
-        let is_out = self.is_out(least, radius) && (least >= self.reaches.enough || !self.is_worn(reading));
-        if is_out
-            || (is_near && is_divided(self, least))
-            || !(self.is_stale(reading) || self.is_out(least, radius))
-        {
+        let suffices = if self.is_out(least, radius) {
+            least >= self.reaches.enough || !self.is_worn(reading)
+        } else {
+            (is_near && is_divided(self, least)) || !self.is_stale(reading)
+        };
+        if suffices {
             return known;
         }
         *reading = self.read(at, reading.hint);
