@@ -415,6 +415,23 @@ impl FeatureMesh {
         }
     }
 
+    /// Cosine of the angle between a direction, a unit vector, and the nearest of the normals of the faces beside
+    /// a feature.
+    #[inline]
+    pub fn facing(&self, feature: MeshFeature, direction: DVec3) -> f64 {
+        let facing = |face: &u32| direction.dot(self.faces[*face as usize].normal);
+        match feature {
+            MeshFeature::Face(face) => facing(&face),
+            MeshFeature::Edge(edge) => {
+                let sides = self.sides[edge as usize].iter().filter(|face| **face != NONE);
+                sides.map(facing).fold(-1.0, f64::max)
+            }
+            MeshFeature::Vertex(vertex) => {
+                self.faces_around.of(vertex).iter().map(facing).fold(-1.0, f64::max)
+            }
+        }
+    }
+
     /// How sharp a feature is: 0 on a flat part of the surface. For an edge the sine of the angle between the
     /// normals of its faces, for a vertex that of its steepest edge to its tangent plane.
     pub fn sharpness(&self, feature: MeshFeature) -> f64 {

@@ -4,6 +4,8 @@
 //! bodies' present poses. Each [guarded point](GuardedPoint) first descends over the features of its own
 //! surface to where that is nearest to the other one.
 
+mod ahead;
+
 use std::sync::Arc;
 
 use arrayvec::ArrayVec;
@@ -12,6 +14,7 @@ use palpate_core::{Pose, Twist};
 use palpate_dynamics::{BodyState, Friction, MAX_UNILATERAL, MotionBound, MovingBody, UnilateralContact};
 use palpate_field::FeatureMesh;
 
+pub(crate) use self::ahead::Taken;
 use super::guarded_point::{Frames, GuardedPoint};
 use crate::scene::SceneId;
 use crate::scene::moving::Pushable;
@@ -25,13 +28,6 @@ const LANES: usize = 8;
 
 /// Largest number of scene objects near the body. With more, a geometry takes longer to hand over.
 pub(crate) const MAX_OBJECTS: usize = 64;
-
-/// Motion in a step from which contacts are also found where the step leads, in margins between surfaces.
-/// With more, bodies go further into edges that they pass; with less, slow steps take longer.
-const MIN_AHEAD: f64 = 8.0;
-
-/// Cosine of the angle from which the normal there is another one.
-const AHEAD_NORMAL: f64 = 0.98;
 
 /// Distance within which contacts with a scene object are wanted beyond that of the body's own motion, in
 /// lengths of the object's motion in this step.
@@ -128,6 +124,12 @@ pub(crate) struct StepContacts {
     pub depth: f64,
     /// Bounding radius of the body about its centre of mass, m.
     radius: f64,
+    /// Indices of the points that the step may bring into contact.
+    near: ArrayVec<u16, MAX_POINTS>,
+    /// Contacts without which the step is taken again.
+    aside: ArrayVec<UnilateralContact, MAX_POINTS>,
+    /// Number of times that the step was taken.
+    taken: u32,
 }
 
 /// Motion of the body from one step to the next.
@@ -181,14 +183,6 @@ impl ContactGeometry {
             }
             let frames = Frames::new((probe, &mesh), (&object.surface, &object.pose));
             let twist = object.motion.twist;
-            // Where the step leads without contacts, and how both bodies get back from there.
-            let next = (reach > MIN_AHEAD * *margin).then(|| {
-                let linear = twist.velocity_at(object.pose.translation);
-                let next_mesh = state.pose.moved(&state.twist, dt) * to_mesh;
-                let next_object = object.pose.moved(&Twist { linear, ..twist }, dt);
-                let back = [mesh * next_mesh.inverse(), object.pose * next_object.inverse()];
-                (back, Frames::new((probe, &next_mesh), (&object.surface, &next_object)))
-            });
             let own = found.contacts.len();
             for &offset in &near {
                 let index = range.start + usize::from(offset);
@@ -198,7 +192,7 @@ impl ContactGeometry {
                     continue;
                 };
                 let measured = guarded.measure(&frames, *slack, *margin + reach);
-                let gap = measured.distance - *margin;
+                let gap = measured.distance - measured.held * *margin;
                 // A point that has further to go is measured again in the next step.
                 let known = if measured.is_settled { gap } else { gap.min(reach) };
                 (*slack, guarded.slack) = (known as f32, known as f32);
@@ -219,20 +213,7 @@ impl ContactGeometry {
                     key: index as u16,
                 };
                 found.add(own, contact);
-                let Some((back, frames)) = &next else { continue };
-                // A gap along one normal says little where the step leads around an edge: what would overlap
-                // at its end gets a contact of its own, with the gap that is now along the normal there. A
-                // step brings nothing nearer by more than the motion in it.
-                let least = f64::from(*slack) - reach;
-                let later = { *guarded }.measure(frames, least as f32, 0.0);
-                let is_other = later.normal.dot(normal) < AHEAD_NORMAL;
-                if !(is_other && (least..*margin).contains(&later.distance)) {
-                    continue;
-                }
-                let [point, surface] = back.map(|back| back.transform_point(later.point));
-                let gap = later.distance - *margin + later.normal.dot(surface - point);
-                let (arm, normal) = (point - state.pose.translation, later.normal);
-                found.add(own, UnilateralContact { arm, normal, gap, ..contact });
+                found.near.push(index as u16);
             }
         }
         found.take_over(before, friction);
@@ -394,6 +375,9 @@ impl StepContacts {
         self.is_known = true;
         self.room = f64::INFINITY;
         self.depth = 0.0;
+        self.near.clear();
+        self.aside.clear();
+        self.taken = 0;
     }
 
     /// Forgets which points the contacts are of; they are found again by their places.

@@ -4,7 +4,7 @@ mod touching_features;
 
 use palpate_core::Pose;
 use palpate_core::glam::{DAffine3, DVec3};
-use palpate_field::{ClosestPoint, FeatureMesh, Leash, Place};
+use palpate_field::{ClosestPoint, FeatureMesh, Leash, MeshFeature, Place};
 
 /// Largest number of moves that a point tries in a measurement. With more, a step takes longer; with fewer,
 /// points follow fast motion late.
@@ -33,6 +33,13 @@ const ROUNDING: f64 = 1e-6;
 /// for again: up to 1, the point is still inside. With more, an overlap that fades is told as deeper than it
 /// is; with less, steps take longer where bodies overlap deeply.
 const TRUSTED: f64 = 0.25;
+
+/// Share of the margin by which it is less at an edge, in shares that the normals of the faces beside it leave
+/// free: with 1, it is just the same as theirs. With more, edges are held at less distance than faces.
+const MITER: f64 = 1.5;
+
+/// Least share of the margin. With less, surfaces that yield a little overlap.
+const LEAST_HELD: f64 = 0.25;
 
 /// A point on the vertices and edges of one surface, kept where it is nearest to the other.
 #[derive(Clone, Copy, Debug)]
@@ -66,6 +73,8 @@ pub(crate) struct Measured {
     pub distance: f64,
     /// Whether no point near it on its own surface is nearer.
     pub is_settled: bool,
+    /// Share of the margin between surfaces at which they are held apart there.
+    pub held: f64,
 }
 
 /// Where a descent ends.
@@ -201,7 +210,22 @@ impl GuardedPoint {
             let outward = frames.probe.1.transform_vector3(closest.normal);
             (frames.probe.1.transform_point3(closest.point), outward)
         };
-        Measured { point, normal, distance: closest.distance, is_settled }
+        let held = self.held(frames, closest.feature, normal);
+        Measured { point, normal, distance: closest.distance, is_settled, held }
+    }
+
+    /// Share of the margin at which surfaces are held apart at features with a normal out of the body in the
+    /// hand: all of it over the object's faces, less at its edges and vertices by how far the normal is from
+    /// those of the faces beside them. So they are within what the margin of these faces leaves free, and a
+    /// body that slides from one object over another that is level with it does not meet the edge between.
+    #[inline(always)]
+    fn held(&self, frames: &Frames<'_>, feature: MeshFeature, normal: DVec3) -> f64 {
+        let feature = if self.is_probe { feature } else { self.place.into() };
+        if matches!(feature, MeshFeature::Face(_)) {
+            return 1.0;
+        }
+        let out = frames.object.1.matrix3.transpose() * -normal;
+        (1.0 - MITER * (1.0 - frames.object.0.facing(feature, out))).clamp(LEAST_HELD, 1.0)
     }
 
     /// The nearest points of both surfaces, in the frames of the probe's and of the object's mesh, m.

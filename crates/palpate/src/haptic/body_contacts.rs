@@ -7,7 +7,7 @@ use palpate_dynamics::{BodyState, ContactBlend, LinearContactModel, MotionBound,
 use super::joined::Joined;
 use super::pushed_objects::PushedObjects;
 use super::reactions::ReactionFeed;
-use crate::contact::geometry::{ContactGeometry, Slacks, StepContacts, StepMotion};
+use crate::contact::geometry::{ContactGeometry, Slacks, StepContacts, StepMotion, Taken};
 use crate::contact::monitor::{ConstraintForces, ContactForce};
 use crate::telemetry::record::ModelData;
 
@@ -130,6 +130,13 @@ impl BodyContacts {
         self.found.depth = depth.max(found.depth);
         self.found.contacts = contacts + found.contacts.len() as u32;
         MotionBound { step: found.room, room: geometry.bound.room - ahead, ..geometry.bound }
+    }
+
+    /// Holds the contacts of a step against where it has led. Returns whether they have changed, so that the
+    /// step is to be taken again.
+    pub fn revise(&mut self, step: &Taken) -> bool {
+        let contacts = &mut self.contacts[self.now];
+        self.geometry.as_ref().is_some_and(|geometry| geometry.revise(step, contacts))
     }
 
     /// The penalty contacts and the unilateral ones of this step.

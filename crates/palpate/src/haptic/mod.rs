@@ -41,7 +41,7 @@ use self::pushed_objects::PushedObjects;
 use self::reactions::Reactions;
 use self::tracking::{Reading, Tracking};
 use self::workspace::{Workspace, motion_at};
-use crate::contact::geometry::PredictedMotion;
+use crate::contact::geometry::{PredictedMotion, Taken};
 use crate::contact::monitor::ConstraintForces;
 use crate::contact::{ContactUpdate, Draw};
 use crate::scene::SceneId;
@@ -373,17 +373,13 @@ impl<T: Tool> HapticLoop<T> {
         self.pushed.listen(&self.outputs.joined);
         self.pushed.begin(dt);
         let before = self.tool.body_state(0).twist;
-        let mut loads = ArrayVec::<BodyLoads<'_>, 2>::new();
-        for (index, body) in self.bodies.iter_mut().enumerate().take(2) {
+        let mut bounds = [MotionBound::NONE; 2];
+        for ((index, body), bound) in self.bodies.iter_mut().enumerate().zip(&mut bounds) {
             let state = self.tool.body_state(index);
             body.blend.advance(&state, dt);
-            let bound = body.find(&state, dt, &self.pushed, &self.outputs.joined);
-            let constrained = body.is_constrained();
-            let (model, unilateral) = body.contacts();
-            loads.push(BodyLoads { model, constrained, unilateral, bound });
+            *bound = body.find(&state, dt, &self.pushed, &self.outputs.joined);
         }
-        let mut step = self.tool.step(hand, &mut loads, self.pushed.bodies(), dt);
-        drop(loads);
+        let mut step = self.bounded_step(hand, bounds, dt);
         self.outputs.other_hands.observe(&before, &self.tool.body_state(0).twist, dt);
         if let Some((linear, angular)) = other_hands.filter(|_| dt > 0.0) {
             step.contacts[0] += Wrench { force: linear / dt, torque: angular / dt };
@@ -417,6 +413,31 @@ impl<T: Tool> HapticLoop<T> {
         }
         self.publish(step.status.failure.is_none(), dt);
         step
+    }
+
+    /// Moves the tool by `dt` (s) within bounds on its bodies' motion. It is moved again from where it was as
+    /// long as its contacts change with where it comes to.
+    fn bounded_step(&mut self, hand: &Hand, bounds: [MotionBound; 2], dt: f64) -> ToolStep {
+        let before = self.tool.clone();
+        loop {
+            let mut loads = ArrayVec::<BodyLoads<'_>, 2>::new();
+            for (body, bound) in self.bodies.iter_mut().zip(bounds) {
+                let constrained = body.is_constrained();
+                let (model, unilateral) = body.contacts();
+                loads.push(BodyLoads { model, constrained, unilateral, bound });
+            }
+            let step = self.tool.step(hand, &mut loads, self.pushed.bodies(), dt);
+            drop(loads);
+            let mut revised = false;
+            for (index, body) in self.bodies.iter_mut().enumerate() {
+                let poses = [&before, &self.tool].map(|tool| tool.body_state(index).pose);
+                revised |= step.status.failure.is_none() && body.revise(&Taken { poses, dt });
+            }
+            if !revised {
+                return step;
+            }
+            self.tool.clone_from(&before);
+        }
     }
 
     /// Whether a contact pushed the tool in a step of `dt` (s): one of its own, or one that another session

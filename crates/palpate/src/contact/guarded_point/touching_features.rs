@@ -31,7 +31,8 @@ const LEVEL: f64 = 2e-3;
 /// do not hold what touches beside them.
 const BLUNT: f64 = 2.0;
 
-/// Slope beyond the normals of an edge from which a direction rather is along it.
+/// Slope of a direction along an edge from which the edge comes nearer where it goes on, so that another point
+/// is there.
 const ALONG_EDGE: f64 = 0.7;
 
 /// Number of moves that a point tries beyond those of each step where it is not yet at features that touch.
@@ -69,37 +70,67 @@ impl GuardedPoint {
         let sides = frames.sides(self.is_probe);
         let outward = |descent: &Descent| -sides.to_own.transform_vector3(descent.closest.normal);
         let (mut descent, mut rise) = (*descent, sides.own.rise(self.place.into(), outward(descent)));
-        // A sharp feature over a face may not pass that, wherever its leash has stopped it.
+        // A sharp feature over a face may not pass that.
         let is_over_face = |descent: &Descent| {
             descent.closest.distance >= 0.0 && matches!(descent.closest.feature, MeshFeature::Face(_))
         };
-        let is_sharp = |point: &Self, rise: f64| {
-            rise <= ALONG_EDGE && rise <= BLUNT * sides.own.sharpness(point.place.into())
-        };
-        if rise <= LEVEL || (is_over_face(&descent) && is_sharp(self, rise)) {
+        let is_sharp = |point: &Self, rise: f64| rise <= BLUNT * sides.own.sharpness(point.place.into());
+        if rise <= LEVEL {
             return self.measured(frames, &descent);
+        }
+        if is_over_face(&descent) && is_sharp(self, rise) {
+            // Unless it is an edge that has come to one of that face's.
+            return match self.crossing(&sides, &descent) {
+                Some(pair) => self.at_pair(frames, &descent, &pair),
+                None => self.across(frames, &sides, &descent),
+            };
         }
         if !descent.is_settled {
             descent = self.descend(frames, MAX_FURTHER_MOVES, f64::NEG_INFINITY);
             rise = sides.own.rise(self.place.into(), outward(&descent));
         }
-        let measured = self.measured(frames, &descent);
-        let is_held = is_sharp(self, rise);
         if rise <= LEVEL {
-            return measured;
+            return self.measured(frames, &descent);
         }
-        if is_over_face(&descent) && is_held {
-            return measured;
-        }
+        let is_held = is_sharp(self, rise);
         let pair = self.crossing(&sides, &descent).or_else(|| self.in_turn(&sides, &descent));
-        // A direction along an edge leads to where the edge goes on, beyond the leash.
-        if pair.is_none() && rise > ALONG_EDGE && matches!(self.place, Place::Edge(..)) {
-            return Measured { distance: f64::INFINITY, is_settled: false, ..measured };
-        }
         let is_held = is_held || descent.closest.distance < 0.0;
         let facing = || if is_held { None } else { self.facing(&sides, &descent, rise / BLUNT) };
-        let Some(pair) = pair.or_else(facing) else { return measured };
-        let Pair { own, other, normal, distance } = pair;
+        match pair.or_else(facing) {
+            Some(pair) => self.at_pair(frames, &descent, &pair),
+            None => self.across(frames, &sides, &descent),
+        }
+    }
+
+    /// The measurement of a point on an edge that comes nearer beyond the leash, where others are. If the edge
+    /// goes on beyond what it is over, it is across the edge, which may slide along itself.
+    fn across(&self, frames: &Frames<'_>, sides: &Sides<'_>, descent: &Descent) -> Measured {
+        let measured = self.measured(frames, descent);
+        let Place::Edge(edge, _) = self.place else { return measured };
+        let Descent { position, closest, .. } = *descent;
+        let outward = -sides.to_own.transform_vector3(closest.normal);
+        let [from, to] = sides.own.ends(edge);
+        let slope = outward.dot((to - from).normalize_or_zero());
+        let (lower, slope) = if slope > 0.0 { (to, slope) } else { (from, -slope) };
+        if slope > ALONG_EDGE {
+            return Measured { distance: f64::INFINITY, is_settled: false, ..measured };
+        }
+        let end = sides.other.walk(sides.to_other.transform_point3(lower), closest.face);
+        let is_beyond = end.normal.dot(closest.normal) < 1.0 - LEVEL;
+        if !is_beyond || sides.other.to_sharp_edge(closest.face, closest.point, LEVEL) == f64::INFINITY {
+            return measured;
+        }
+        let cosine = (1.0 - slope * slope).sqrt();
+        let along = (lower - position).normalize_or_zero();
+        let normal = (outward - along * slope) / cosine;
+        let distance = closest.distance / cosine;
+        let pair = Pair { own: position, other: position + normal * distance, normal, distance };
+        self.at_pair(frames, descent, &pair)
+    }
+
+    /// The measurement of a point by two that touch.
+    fn at_pair(&self, frames: &Frames<'_>, descent: &Descent, pair: &Pair) -> Measured {
+        let Pair { own, other, normal, distance } = *pair;
         let (point, normal) = if self.is_probe {
             let probe = &frames.probe.1;
             (probe.transform_point3(own), probe.transform_vector3(normal))
@@ -107,7 +138,8 @@ impl GuardedPoint {
             let object = &frames.object.1;
             (object.transform_point3(other), -object.transform_vector3(normal))
         };
-        Measured { point, normal, distance, ..measured }
+        let held = self.held(frames, descent.closest.feature, normal);
+        Measured { point, normal, distance, is_settled: descent.is_settled, held }
     }
 
     /// The points where the edge that the point is on crosses one that is nearest, or beside the face that
@@ -121,18 +153,25 @@ impl GuardedPoint {
                 let found = crossing_of(sides, edge, other)?;
                 (found.distance.abs() <= (1.0 + LEVEL) * closest.distance.abs()).then_some(found)
             }
-            MeshFeature::Face(face) if closest.distance < 0.0 => {
+            MeshFeature::Face(face) => {
                 let found = sides.other.edges_of(face).map(|other| crossing_of(sides, edge, other));
-                // That of the overlap, and not of other sides of both bodies.
-                let deepest = MAX_CROSSING * closest.distance;
+                let depth = -closest.distance;
                 let is_there = |pair: &Pair| {
-                    let depth = -pair.distance;
-                    (0.0..=-deepest).contains(&depth) && pair.own.distance_squared(position) <= depth * depth
+                    let way = pair.own.distance_squared(position);
+                    if depth > 0.0 {
+                        // That of the overlap, and not of other sides of both bodies.
+                        let most = MAX_CROSSING * depth;
+                        (0.0..=most).contains(&-pair.distance) && way <= most * most
+                    } else {
+                        // Where the edge comes nearer, beyond the leash if that has stopped the point.
+                        let nearer = -depth - pair.distance;
+                        nearer >= 0.0 && nearer * nearer <= way && way <= f64::from(self.leash.length).powi(2)
+                    }
                 };
                 let found = found.into_iter().flatten().filter(is_there);
                 found.max_by(|a, b| a.distance.total_cmp(&b.distance))
             }
-            _ => None,
+            MeshFeature::Vertex(_) => None,
         }
     }
 
@@ -142,7 +181,7 @@ impl GuardedPoint {
         let Sides { own, other, to_own, .. } = *sides;
         let there = descent.closest;
         let at = to_own.transform_point3(there.point);
-        let here = own.walk(at, own.face_at(self.place.into()));
+        let here = nearest_here(sides, at, own.face_at(self.place.into()), there.distance);
         let ends = other.to_sharp_edge(there.face, there.point, least);
         let ClosestPoint { point, normal, distance, face, .. } = here;
         let is_other = ends <= own.to_sharp_edge(face, point, least);
@@ -155,7 +194,7 @@ impl GuardedPoint {
         let (mut there, mut feature) = (descent.closest, MeshFeature::from(self.place));
         for _ in 0..TURNS {
             let at = to_own.transform_point3(there.point);
-            let here = own.walk(at, own.face_at(feature));
+            let here = nearest_here(sides, at, own.face_at(feature), there.distance);
             feature = here.feature;
             let inward = -to_other.transform_vector3(here.normal);
             if other.rise(there.feature, inward) <= LEVEL {
@@ -181,6 +220,17 @@ impl GuardedPoint {
         }
         None
     }
+}
+
+/// The point of the guarded point's own surface that is nearest to a point of the other one (its frame, m), by
+/// a walk from a face. One may end on the far side of a wall, which looks like an overlap: of surfaces that
+/// are at a `distance` (m) elsewhere, this is searched for in the whole surface.
+fn nearest_here(sides: &Sides<'_>, at: DVec3, face: u32, distance: f64) -> ClosestPoint {
+    let here = sides.own.walk(at, face);
+    if here.distance >= 0.0 || distance < 0.0 {
+        return here;
+    }
+    sides.own.nearer(at, -here.distance).unwrap_or(here)
 }
 
 /// The points at which two edges, of the guarded point's own surface and of the other one, cross, if the
