@@ -415,8 +415,8 @@ impl FeatureMesh {
         }
     }
 
-    /// Cosine of the angle between a direction, a unit vector, and the nearest of the normals of the faces beside
-    /// a feature.
+    /// Cosine of the angle between a direction, a unit vector, and the nearest of the normals of the faces
+    /// beside a feature.
     #[inline]
     pub fn facing(&self, feature: MeshFeature, direction: DVec3) -> f64 {
         let facing = |face: &u32| direction.dot(self.faces[*face as usize].normal);

@@ -34,8 +34,8 @@ const ROUNDING: f64 = 1e-6;
 /// is; with less, steps take longer where bodies overlap deeply.
 const TRUSTED: f64 = 0.25;
 
-/// Share of the margin by which it is less at an edge, in shares that the normals of the faces beside it leave
-/// free: with 1, it is just the same as theirs. With more, edges are held at less distance than faces.
+/// Share of the margin by which it is less at an edge, in shares that the normals of the faces beside it
+/// leave free: with 1, it is just the same as theirs. With more, edges are held at less distance than faces.
 const MITER: f64 = 1.5;
 
 /// Least share of the margin. With less, surfaces that yield a little overlap.

@@ -3,9 +3,9 @@
 //! A contact bounds a step by a plane: that through the nearest points at its start. Where the surfaces are
 //! still apart, the plane says too much and too little. Beyond the end of a face it holds a body that would
 //! pass, as at the next tile of a floor (a ghost collision); around an edge it lets one in that comes towards
-//! another face. So the step is taken again: without those contacts at a distance that have pushed, of which
-//! come back whose surfaces it does not pass clear of each other, and with contacts for what overlaps at its
-//! end, with the gaps that are now along the normals there.
+//! another face. Where such a contact has pushed, the step is taken again without those at a distance. What
+//! it meets then, first of all, gets a contact where it is met, with the gap that is now along the normal
+//! there, and so does what overlaps at its end.
 
 use arrayvec::ArrayVec;
 use palpate_core::glam::{DQuat, DVec3};
@@ -15,23 +15,25 @@ use palpate_dynamics::{MAX_UNILATERAL, MotionBound, UnilateralContact};
 use super::{ContactGeometry, Frames, NearObject, StepContacts};
 use crate::contact::guarded_point::{GuardedPoint, Measured};
 
-/// Number of times that a step is taken at most: without contacts at a distance, with some of them, with all.
+/// Number of times that a step is taken at most: the last time, all contacts that it meets are as at its
+/// start. With fewer, bodies that meet many surfaces at once are held at edges; with more, steps may take
+/// longer.
 const MAX_TAKEN: u32 = 8;
 
 /// Gap from which a contact is one at a distance, in margins between surfaces. With more, bodies that pass
 /// edges that closely are held; with less, steps that end at a surface are taken more often.
 const APART: f64 = 0.1;
 
-/// Motion in a step from which its end is looked at, in margins between surfaces. With more, bodies go further
-/// into edges that they pass; with less, slow steps take longer.
+/// Motion in a step from which its end is looked at, in margins between surfaces. With more, bodies go
+/// further into edges that they pass; with less, slow steps take longer.
 const MIN_AHEAD: f64 = 8.0;
 
 /// Share of the margin up to which surfaces are clear of each other. With more, contacts that yield a little
 /// are not; with less, bodies sink into edges that they pass.
 const CLEAR: f64 = 0.8;
 
-/// Shares of a step from one pose to the next at which surfaces are to be clear. With more at most, a body may
-/// pass a thin part; with more at least, contacts have the normals of surfaces that are further apart.
+/// Shares of a step from one pose to the next at which surfaces are to be clear. With more at most, a body
+/// may pass a thin part; with more at least, contacts have the normals of surfaces that are further apart.
 const LONGEST: f64 = 0.25;
 const SHORTEST: f64 = LONGEST / 64.0;
 
@@ -39,19 +41,30 @@ const SHORTEST: f64 = LONGEST / 64.0;
 /// more, steps may take longer.
 const MAX_MEASURED: u32 = 32;
 
-/// Number of times that a point is measured on until it has no further to go. With fewer, points that move fast
-/// over a surface are not where it is nearest.
+/// Number of times that a point is measured again until it has no further to go. With fewer, points that move
+/// fast over a surface are not where it is nearest.
 const MAX_SETTLING: u32 = 8;
 
 /// Share of a step within which contacts are met at once. With less, steps are taken more often; with more,
 /// bodies meet what others keep them from.
 const AT_ONCE: f64 = 0.1;
 
-/// Distance up to which surfaces meet, in margins. With more, they have normals of places that come no nearer.
+/// Distance up to which surfaces meet, in margins, and depth up to which they do where nothing nearer than
+/// that is clear. With more, contacts have normals of places that come no nearer.
 const MET: f64 = 4.0;
+const MET_DEPTH: f64 = 16.0;
 
 /// Cosine of the angle from which the normal at a step's end is another one.
 const AHEAD_NORMAL: f64 = 0.98;
+
+/// What a point meets in a step.
+#[derive(Clone, Copy, Debug)]
+struct Met {
+    /// Share of the step up to there.
+    share: f64,
+    /// The contact where it is met, if it can be told.
+    contact: Option<UnilateralContact>,
+}
 
 /// A step of the body that was taken.
 #[derive(Clone, Copy, Debug)]
@@ -99,80 +112,74 @@ impl ContactGeometry {
         let StepContacts { aside, contacts, taken, .. } = found;
         let [from, to] = &step.poses;
         let (shift, turn) = (to.translation - from.translation, from.rotation_vector_to(to));
+        // There is room for those that come back, as they were among the others, unless ends have taken it.
         let met = |contact: &UnilateralContact| {
             // What the step stays on this side of is not met.
             let by = shift + turn.cross(contact.arm) - contact.velocity * step.dt;
             let is_near = contact.normal.dot(by) > contact.gap;
             is_near.then(|| self.met(contact, step, moved)).flatten()
         };
-        // Contacts that are held then may lead to others: all of them in the end.
-        if *taken + 1 >= MAX_TAKEN {
-            let any = aside.iter().any(|contact| met(contact).is_some());
-            if any {
-                // There is room, as they were among them.
-                contacts.extend(aside.drain(..));
+        let is_last = *taken + 1 >= MAX_TAKEN;
+        if is_last && aside.iter().any(|contact| met(contact).is_some()) {
+            while let Some(contact) = aside.pop() {
+                let _ = contacts.try_push(contact);
             }
-            return any;
+            return true;
         }
-        // What is met first may keep the body from what it meets then.
-        let mut all = ArrayVec::<(usize, UnilateralContact, f64), MAX_UNILATERAL>::new();
+        let mut all = ArrayVec::<(usize, Met), MAX_UNILATERAL>::new();
         for (index, contact) in aside.iter().enumerate() {
-            if let Some((back, share)) = met(contact)
-                && all.try_push((index, back, share)).is_err()
+            if let Some(met) = met(contact)
+                && all.try_push((index, met)).is_err()
             {
                 break;
             }
         }
-        let first = all.iter().fold(1.0, |first: f64, (.., share)| first.min(*share));
-        for (index, back, share) in all.iter().rev() {
-            if *share <= first + AT_ONCE {
-                aside.swap_remove(*index);
-                contacts.push(*back);
-            }
+        // What is met first may keep the body from the others.
+        let first = all.iter().fold(1.0, |first: f64, (_, met)| first.min(met.share));
+        for (index, met) in all.iter().rev().filter(|(_, met)| met.share <= first + AT_ONCE) {
+            let contact = aside.swap_remove(*index);
+            let _ = contacts.try_push(met.contact.unwrap_or(contact));
         }
         !all.is_empty()
     }
 
-    /// What a point meets in a step that passes its contact's plane: the contact where the surfaces are last
-    /// clear of each other, with the share of the step up to there, or `None` if they always are. Where the direction between them turns round while
-    /// they come that near, one may have passed the other.
-    fn met(&self, contact: &UnilateralContact, step: &Taken, moved: f64) -> Option<(UnilateralContact, f64)> {
+    /// What a point meets in a step that passes its contact's plane; `None` if the surfaces always are clear
+    /// of each other. Where the direction between them turns round while they are near, one may have passed
+    /// the other.
+    fn met(&self, contact: &UnilateralContact, step: &Taken, moved: f64) -> Option<Met> {
         let (mut point, object) = self.point(contact.key)?;
         let all = moved + object.speed * step.dt;
-        let (mut share, mut next) = (0.0, LONGEST);
-        let (mut normal, mut distance, mut last) = (contact.normal, contact.gap + self.margin, None);
-        let mut first = None;
-        let mut left = MAX_MEASURED;
+        let (mut normal, mut distance) = (contact.normal, contact.gap + self.margin);
+        // The last pose at which they are clear, and the first at which they are not.
+        let (mut clear, mut blocked) = (None, None);
+        let (mut share, mut next, mut left) = (0.0, LONGEST, MAX_MEASURED);
         while share < 1.0 && next >= SHORTEST && left > 0 {
             left -= 1;
             let at = (share + next).min(1.0);
             let (mut there, motion) = (point, (at - share) * all);
             let least = f64::from(point.slack) - motion;
-            let frames = self.frames_at(object, step, at);
-            let measured = settled(&mut there, &frames, least, MET * self.margin);
+            let measured = settled(&mut there, &self.frames_at(object, step, at), least, MET * self.margin);
             there.slack = measured.distance.max(least) as f32;
-            let may_have_passed =
-                measured.normal.dot(normal) <= 0.0 && distance + measured.distance <= motion;
-            if may_have_passed || measured.distance < CLEAR * measured.held * self.margin {
-                (next, first) = (0.5 * next, Some((measured, at)));
+            let turned = measured.normal.dot(normal) <= 0.0 && distance + measured.distance <= motion;
+            if turned || measured.distance < CLEAR * measured.held * self.margin {
+                (next, blocked) = (0.5 * next, Some((measured, at)));
                 continue;
             }
             (point, share, next) = (there, at, (2.0 * next).min(LONGEST));
             // At an infinite distance it is another point that is nearer.
             if measured.distance.is_finite() {
-                (normal, distance, last) = (measured.normal, measured.distance, Some((measured, at)));
+                (normal, distance, clear) = (measured.normal, measured.distance, Some((measured, at)));
             }
         }
         if share >= 1.0 {
             return None;
         }
-        let is_near = |(measured, _): &(Measured, f64)| measured.distance.abs() <= MET * self.margin;
-        let near = last
-            .filter(is_near)
-            .or(first.filter(|(measured, _)| measured.distance.abs() <= 4.0 * MET * self.margin));
-        let met = near.map(|(measured, at)| self.contact_at(contact.key, object, step, at, &measured));
+        let within =
+            |most: f64| move |(measured, _): &(Measured, f64)| measured.distance.abs() <= most * self.margin;
+        let near = clear.filter(within(MET)).or(blocked.filter(within(MET_DEPTH)));
+        let contact = near.map(|(measured, at)| self.contact_at(contact.key, object, step, at, &measured));
         // From beyond a plane the body has come around an edge.
-        Some((met.filter(|met| met.gap >= -self.margin).unwrap_or(*contact), share))
+        Some(Met { share, contact: contact.filter(|contact| contact.gap >= -self.margin) })
     }
 
     /// The contact that a measurement after a share of a step gives at its start: the gap is that along the
@@ -225,11 +232,9 @@ impl ContactGeometry {
             if !(least..CLEAR * later.held * margin).contains(&later.distance) {
                 continue;
             }
-            // Where it was already in contact, it has gone on from there.
             let end = self.contact_at(key, object, step, 1.0, &later);
             let start = UnilateralContact { gap: f64::from(point.slack), ..end };
-            let met = self.met(&start, step, moved).map(|(met, _)| met);
-            let contact = met.filter(|met| met.gap != start.gap).unwrap_or(end);
+            let contact = self.met(&start, step, moved).and_then(|met| met.contact).unwrap_or(end);
             let is_same = |known: &UnilateralContact| {
                 known.key == key && known.normal.dot(contact.normal) > AHEAD_NORMAL
             };

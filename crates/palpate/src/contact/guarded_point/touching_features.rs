@@ -11,10 +11,11 @@
 //! it is not one of them, the features are sought that touch: two edges touch along the normal of both,
 //! wherever on them the point has come to rest; else the nearest points of both surfaces are taken in turn.
 //! Should neither find any, the surfaces touch elsewhere, where the point's leash or the lack of edges keeps
-//! it from. A direction along an edge is no contact then: further along it, another point is nearer. Any
-//! other sharp feature is held as it is, as a place of the body that may not pass the other one. So is a
-//! point in a flat part of its surface, unless it is the other surface that ends nearby: then that one's
-//! nearest point may not pass the plane of this one, which goes on.
+//! it from. A direction along an edge is no contact then: further along it, another point is nearer. Nor is
+//! one that is aslant of an edge which goes on beyond what it is over: it is held across the edge. Any other
+//! sharp feature is held as it is, as a place of the body that may not pass the other one. So is a point in a
+//! flat part of its surface, unless it is the other surface that ends nearby: then that one's nearest point
+//! may not pass the plane of this one, which goes on.
 
 use palpate_core::glam::DVec3;
 use palpate_field::{ClosestPoint, FeatureMesh, MeshFeature, Place};
@@ -31,8 +32,8 @@ const LEVEL: f64 = 2e-3;
 /// do not hold what touches beside them.
 const BLUNT: f64 = 2.0;
 
-/// Slope of a direction along an edge from which the edge comes nearer where it goes on, so that another point
-/// is there.
+/// Slope of a direction along an edge from which the edge comes nearer where it goes on, so that another
+/// point is there.
 const ALONG_EDGE: f64 = 0.7;
 
 /// Number of moves that a point tries beyond those of each step where it is not yet at features that touch.
@@ -102,8 +103,8 @@ impl GuardedPoint {
         }
     }
 
-    /// The measurement of a point on an edge that comes nearer beyond the leash, where others are. If the edge
-    /// goes on beyond what it is over, it is across the edge, which may slide along itself.
+    /// The measurement of a point on an edge that comes nearer beyond the leash, where others are. If the
+    /// edge goes on beyond what it is over, it is across the edge, which may slide along itself.
     fn across(&self, frames: &Frames<'_>, sides: &Sides<'_>, descent: &Descent) -> Measured {
         let measured = self.measured(frames, descent);
         let Place::Edge(edge, _) = self.place else { return measured };
@@ -222,9 +223,9 @@ impl GuardedPoint {
     }
 }
 
-/// The point of the guarded point's own surface that is nearest to a point of the other one (its frame, m), by
-/// a walk from a face. One may end on the far side of a wall, which looks like an overlap: of surfaces that
-/// are at a `distance` (m) elsewhere, this is searched for in the whole surface.
+/// The point of the guarded point's own surface that is nearest to a point of the other one (its frame, m),
+/// by a walk from a face. One may end on the far side of a wall, which looks like an overlap: of surfaces
+/// that are at a `distance` (m) elsewhere, this is searched for in the whole surface.
 fn nearest_here(sides: &Sides<'_>, at: DVec3, face: u32, distance: f64) -> ClosestPoint {
     let here = sides.own.walk(at, face);
     if here.distance >= 0.0 || distance < 0.0 {
