@@ -30,7 +30,7 @@
 //! # Many contacts
 //!
 //! A step finds the impulses of at most [`MAX_UNILATERAL`] contacts: a working set. Contacts beside it that
-//! the step would pass are exchanged for some that do not push.
+//! the step would pass are exchanged for those that push least.
 //!
 //! # Bodies that are pushed
 //!

@@ -1,6 +1,6 @@
 //! Steps with more contacts than impulses are found for: those that the step presses against make up a
 //! working set; the others, which mostly lie beside them on the same surface, are checked. Those that the
-//! step would pass take the places of contacts that do not push, and the step is solved again.
+//! step would pass take the places of contacts that push least, and the step is solved again.
 
 use palpate_core::Twist;
 
@@ -48,19 +48,23 @@ pub(crate) fn choose(
     PASSED.0 + PASSED.1 * excesses.fold(0.0, f64::max)
 }
 
-/// Exchanges contacts that do not push for others that a velocity passes (m/s): makes overlap, or overlap
-/// more. Returns whether there were any.
+/// Exchanges contacts for others that a velocity passes (m/s): makes overlap, or overlap more. Those that push
+/// least give way first: with that many on one surface, the others hold it without them. Returns whether there
+/// were any.
 pub(super) fn exchange(contacts: &mut [UnilateralContact], held: &Twist, passed: f64, dt: f64) -> bool {
     let (solved, others) = split(contacts, MAX_UNILATERAL);
-    let mut spare = solved.iter_mut().filter(|contact| contact.normal.dot(contact.impulse) <= 0.0);
-    let mut exchanged = false;
+    let push = |contact: &UnilateralContact| contact.normal.dot(contact.impulse);
+    let mut exchanged = 0;
     for other in others.iter_mut().filter(|other| other.excess(held, dt, 0.0) > passed) {
-        let Some(spare) = spare.next() else { break };
-        std::mem::swap(spare, other);
+        // Those that have come in are at the front.
+        let rest = exchanged..solved.len();
+        let Some(least) = rest.min_by(|a, b| push(&solved[*a]).total_cmp(&push(&solved[*b]))) else { break };
+        solved.swap(exchanged, least);
+        std::mem::swap(&mut solved[exchanged], other);
         other.impulse = Default::default();
-        exchanged = true;
+        exchanged += 1;
     }
-    exchanged
+    exchanged > 0
 }
 
 /// Share of a step at which it reaches the first surface of those that are not solved for. Overlaps are left

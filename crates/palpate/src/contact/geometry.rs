@@ -4,7 +4,7 @@
 //! bodies' present poses. Each [guarded point](GuardedPoint) first descends over the features of its own
 //! surface to where that is nearest to the other one.
 
-mod ahead;
+pub(crate) mod ahead;
 
 use std::sync::Arc;
 
@@ -14,7 +14,6 @@ use palpate_core::{Pose, Twist};
 use palpate_dynamics::{BodyState, Friction, MAX_UNILATERAL, MotionBound, MovingBody, UnilateralContact};
 use palpate_field::FeatureMesh;
 
-pub(crate) use self::ahead::Taken;
 use super::guarded_point::{Frames, GuardedPoint};
 use crate::scene::SceneId;
 use crate::scene::moving::Pushable;
@@ -57,6 +56,8 @@ pub(crate) struct NearObject {
     pub surface: Arc<FeatureMesh>,
     /// Pose of its mesh's frame.
     pub pose: Pose,
+    /// The same at the start of the last step.
+    pub before: Pose,
     pub motion: MovingBody,
     /// Bound on the speed of any of its points in this step, m/s; 0 for one in another hand that contacts do
     /// not push here.
@@ -167,6 +168,7 @@ impl ContactGeometry {
         for (object, end) in objects.iter_mut().zip(&slacks.ends) {
             let range = first..usize::from(*end);
             first = usize::from(*end);
+            object.before = object.pose;
             if object.felt_elsewhere {
                 continue;
             }
@@ -321,14 +323,15 @@ impl NearObject {
     }
 
     fn assign(&mut self, found: &Self) {
-        let Self { place, surface, pose, motion, speed, moved, felt_elsewhere, pushable, pushed, on_loan } =
-            self;
+        let Self { place, surface, pose, before, motion, speed, moved, felt_elsewhere, .. } = self;
+        let Self { pushable, pushed, on_loan, .. } = self;
         if !Arc::ptr_eq(on_loan, &found.on_loan) {
             // The surface first: what is on loan is kept until then.
             surface.clone_from(&found.surface);
             on_loan.clone_from(&found.on_loan);
         }
-        (*place, *pose, *motion, *speed) = (found.place, found.pose, found.motion, found.speed);
+        (*place, *pose, *before) = (found.place, found.pose, found.before);
+        (*motion, *speed) = (found.motion, found.speed);
         (*moved, *felt_elsewhere) = (found.moved, found.felt_elsewhere);
         (*pushable, *pushed) = (found.pushable, found.pushed);
     }
@@ -511,6 +514,7 @@ mod tests {
             place: 0,
             surface: Arc::clone(&surface),
             pose: Pose::from_translation(DVec3::Z * height),
+            before: Pose::IDENTITY,
             motion: MovingBody::STILL,
             speed: height,
             moved: 0.0,

@@ -228,6 +228,14 @@ impl GuardedPoint {
         (1.0 - MITER * (1.0 - frames.object.0.facing(feature, out))).clamp(LEAST_HELD, 1.0)
     }
 
+    /// The measurement of the point where it is, without moving it.
+    pub fn still(&self, frames: &Frames<'_>) -> Measured {
+        let Sides { own, other, to_other, .. } = frames.sides(self.is_probe);
+        let position = own.position(&self.place);
+        let closest = other.walk(to_other.transform_point3(position), self.face);
+        self.measured(frames, &Descent { position, closest, is_settled: false })
+    }
+
     /// The nearest points of both surfaces, in the frames of the probe's and of the object's mesh, m.
     pub fn ends(&self, frames: &Frames<'_>) -> [DVec3; 2] {
         let Frames { probe, object, to_object, to_probe } = frames;

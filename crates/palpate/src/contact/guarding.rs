@@ -219,6 +219,7 @@ impl ContactLoop {
             place,
             surface,
             pose,
+            before: pose,
             motion,
             // The haptic loop knows better how one in another hand moves.
             speed: if near.is_in_hand() { 0.0 } else { near.speed() },

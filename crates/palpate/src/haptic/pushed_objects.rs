@@ -238,6 +238,7 @@ mod tests {
             place: 0,
             surface: Arc::clone(&surface),
             pose: Pose::IDENTITY,
+            before: Pose::IDENTITY,
             motion: MovingBody::STILL,
             speed: 0.0,
             moved: 0.0,

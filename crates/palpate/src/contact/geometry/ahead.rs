@@ -158,16 +158,27 @@ impl ContactGeometry {
             let at = (share + next).min(1.0);
             let (mut there, motion) = (point, (at - share) * all);
             let least = f64::from(point.slack) - motion;
-            let measured = settled(&mut there, &self.frames_at(object, step, at), least, MET * self.margin);
-            there.slack = measured.distance.max(least) as f32;
-            let turned = measured.normal.dot(normal) <= 0.0 && distance + measured.distance <= motion;
-            if turned || measured.distance < CLEAR * measured.held * self.margin {
-                (next, blocked) = (0.5 * next, Some((measured, at)));
+            let frames = self.frames_at(object, step, at);
+            // Where the point has come to as it is, and from there to where its surface is nearest. Beyond a
+            // thin part, the other side of that is nearest.
+            let is_beyond = |measured: &Measured| {
+                measured.normal.dot(normal) <= 0.0 && distance + measured.distance <= motion
+            };
+            let still = point.still(&frames);
+            if is_beyond(&still) || still.distance < 0.0 {
+                (next, blocked) = (0.5 * next, None);
                 continue;
             }
+            let measured = settled(&mut there, &frames, least, MET * self.margin);
+            if is_beyond(&measured) || measured.distance < CLEAR * measured.held * self.margin {
+                (next, blocked) = (0.5 * next, (!is_beyond(&measured)).then_some((measured, at)));
+                continue;
+            }
+            let is_finite = measured.distance.is_finite();
+            there.slack = if is_finite { measured.distance.max(least) } else { least } as f32;
             (point, share, next) = (there, at, (2.0 * next).min(LONGEST));
             // At an infinite distance it is another point that is nearer.
-            if measured.distance.is_finite() {
+            if is_finite {
                 (normal, distance, clear) = (measured.normal, measured.distance, Some((measured, at)));
             }
         }
@@ -176,7 +187,9 @@ impl ContactGeometry {
         }
         let within =
             |most: f64| move |(measured, _): &(Measured, f64)| measured.distance.abs() <= most * self.margin;
-        let near = clear.filter(within(MET)).or(blocked.filter(within(MET_DEPTH)));
+        // A point that stays at one surface meets another one first where it overlaps with that.
+        let near =
+            blocked.filter(within(MET)).or(clear.filter(within(MET))).or(blocked.filter(within(MET_DEPTH)));
         let contact = near.map(|(measured, at)| self.contact_at(contact.key, object, step, at, &measured));
         // From beyond a plane the body has come around an edge.
         Some(Met { share, contact: contact.filter(|contact| contact.gap >= -self.margin) })
@@ -195,7 +208,7 @@ impl ContactGeometry {
         let Measured { point, normal, distance, held, .. } = *measured;
         let from = &step.poses[0];
         let back = *from * step.at(share).inverse();
-        let object_back = object.pose * object.moved_on(step.dt * share).inverse();
+        let object_back = object.before * object.moved_on(step.dt * share).inverse();
         let [here, surface] = [back, object_back].map(|back| back.transform_point(point));
         UnilateralContact {
             arm: here - from.translation,
@@ -275,10 +288,10 @@ fn settled(point: &mut GuardedPoint, frames: &Frames<'_>, least: f64, reach: f64
 }
 
 impl NearObject {
-    /// Pose of its mesh's frame after a time (s).
+    /// Pose of its mesh's frame a time (s) after the start of the step.
     fn moved_on(&self, dt: f64) -> Pose {
         let twist = self.motion.twist;
-        self.pose.moved(&Twist { linear: twist.velocity_at(self.pose.translation), ..twist }, dt)
+        self.before.moved(&Twist { linear: twist.velocity_at(self.before.translation), ..twist }, dt)
     }
 }
 
