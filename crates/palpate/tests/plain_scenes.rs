@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 
 use palpate::device::{Emulation, IntendedPath};
 use palpate::glam::{DQuat, DVec3};
-use palpate::settings::{ContactSearch, ContactSettings, Response, SearchSettings};
+use palpate::settings::{ContactSearch, ContactSettings, DetailSettings, Response, SearchSettings};
 use palpate::{ContactTiming, Events, HapticRenderer, Object, Pose, Record, Scene, Settings, TriMesh, Twist};
 
 /// Largest overlap, m.
@@ -35,8 +35,9 @@ fn spindle(sides: u32, radius: f64, (above, below): (f64, f64)) -> Object {
     object(vertices, triangles)
 }
 
-/// A plate of 100 × 100 × 20 mm with a cone of 10 mm under its middle: one surface, whose tip is the origin.
-fn plate_with_a_cone() -> Object {
+/// A plate of 100 × 100 × 20 mm with a cone of a radius and a height (m) under its middle: one surface, whose
+/// tip is the origin.
+fn plate_with_a_cone(radius: f64, tall: f64) -> Object {
     let sides = 16;
     let rim = |half: f64, z: f64| {
         (0..sides).map(move |i| {
@@ -47,12 +48,12 @@ fn plate_with_a_cone() -> Object {
     };
     let cone = (0..sides).map(|i| {
         let (sin, cos) = (TAU * (f64::from(i) + 0.5) / f64::from(sides)).sin_cos();
-        DVec3::new(0.002 * cos, 0.002 * sin, 0.01)
+        DVec3::new(radius * cos, radius * sin, tall)
     });
     // Tip, cone, lower and upper rim of the plate, middle of its top.
     let mut vertices = vec![DVec3::ZERO];
-    vertices.extend(cone.chain(rim(0.05, 0.01)).chain(rim(0.05, 0.03)));
-    vertices.push(DVec3::Z * 0.03);
+    vertices.extend(cone.chain(rim(0.05, tall)).chain(rim(0.05, tall + 0.02)));
+    vertices.push(DVec3::Z * (tall + 0.02));
     let at = |ring: u32, i: u32| 1 + ring * sides + i % sides;
     let last = 1 + 3 * sides;
     let triangles = (0..sides).flat_map(|i| {
@@ -89,13 +90,24 @@ fn session(
     scene: &[(Object, DVec3)],
     hand: impl Fn(f64) -> DVec3 + Send + 'static,
     response: Response,
+    timing: (f64, f64),
+) -> (Vec<Record>, Events) {
+    session_with(probe, scene, hand, settings(response), timing)
+}
+
+/// The same with any settings.
+fn session_with(
+    probe: &Object,
+    scene: &[(Object, DVec3)],
+    hand: impl Fn(f64) -> DVec3 + Send + 'static,
+    settings: Settings,
     (rate, seconds): (f64, f64),
 ) -> (Vec<Record>, Events) {
     let device = Emulation::default().open(path(hand)).expect("an emulation");
     let placed = scene
         .iter()
         .fold(Scene::new(), |scene, (object, at)| scene.with(object.clone(), Pose::from_translation(*at)));
-    let renderer = HapticRenderer::new(probe.clone(), placed, Box::new(device), settings(response));
+    let renderer = HapticRenderer::new(probe.clone(), placed, Box::new(device), settings);
     let mut session = renderer.expect("a session").lockstep(ContactTiming::busy(rate));
     let records = (0..(seconds * 1e3) as u32).map(|_| session.step_device()).collect();
     let events = session.events();
@@ -145,7 +157,8 @@ fn any_number_of_objects_is_felt() {
 /// Tips go straight at a flat face, with contacts at any rate and in any phase.
 #[test]
 fn tips_do_not_enter_a_face() {
-    let tips = [plate_with_a_cone(), spindle(12, 0.03, (0.004, 0.02)), spindle(3, 0.002, (0.02, 0.01))];
+    let tips =
+        [plate_with_a_cone(0.002, 0.01), spindle(12, 0.03, (0.004, 0.02)), spindle(3, 0.002, (0.02, 0.01))];
     let below = [0.0, 0.02, 0.01];
     let slab = [(block(DVec3::new(0.3, 0.3, 0.02)), DVec3::Z * -0.01)];
     let mut worst = f64::NEG_INFINITY;
@@ -171,6 +184,92 @@ fn tips_do_not_enter_a_face() {
     let down = |time: f64| DVec3::Z * (0.03 - 2.0 * (time - 0.3).max(0.0)).max(-0.003);
     let (records, _) = session(&tips[0], &slab, down, Response::Penalty, (30.0, 0.5));
     assert!(records.iter().any(|r| r.object.translation.z < -OVERLAP), "with penalties nothing is shown");
+}
+
+/// A pip narrower than a field's samples are apart is held, whatever finds contacts and in whatever time.
+#[test]
+fn a_narrow_pip_is_held_whatever_queries_leave_out() {
+    let pip = plate_with_a_cone(1e-4, 5e-4);
+    let slab = [(block(DVec3::new(0.3, 0.3, 0.02)), DVec3::Z * -0.01)];
+    let down = |time: f64| DVec3::Z * (0.02 - 0.2 * (time - 0.3).max(0.0)).max(-0.003);
+    let lowest = |method, query_budget, response| {
+        let made = settings(response);
+        let search = SearchSettings { method, ..made.search };
+        let detail = DetailSettings { query_budget, ..made.detail };
+        let (records, _) = session_with(&pip, &slab, down, Settings { search, detail, ..made }, (200.0, 0.6));
+        records.iter().map(|r| r.object.translation.z).fold(f64::INFINITY, f64::min)
+    };
+    for method in [ContactSearch::Automatic, ContactSearch::Representatives, ContactSearch::Levels] {
+        for query_budget in [None, Some(1e-5)] {
+            let lowest = lowest(method, query_budget, Response::Constraints);
+            println!("{method:?}, {query_budget:?}: {lowest:.1e} m");
+            assert!(lowest > -OVERLAP && lowest < 1e-4, "{method:?}, {query_budget:?}: {lowest} m");
+        }
+    }
+    let lowest = lowest(ContactSearch::Representatives, None, Response::Penalty);
+    assert!(lowest < -1e-4, "with penalties {lowest} m: nothing is shown");
+}
+
+/// What only penalty contacts use changes nothing in free air.
+#[test]
+fn free_air_is_free_without_braking_and_proxy() {
+    let (ball, slab) = (spindle(24, 0.005, (0.005, 0.005)), block(DVec3::new(0.3, 0.3, 0.02)));
+    let hand = |time: f64| DVec3::new(0.02 * (TAU * (time - 0.3).max(0.0) / 0.4).sin(), 0.0, 0.06);
+    let most = |is_on: bool| {
+        let made = settings(Response::Constraints);
+        let search = SearchSettings { braking: is_on, proxy: is_on, ..made.search };
+        let scene = [(slab.clone(), DVec3::Z * -0.01)];
+        let (records, events) = session_with(&ball, &scene, hand, Settings { search, ..made }, (50.0, 1.0));
+        assert_eq!(events.waited, 0, "{is_on}");
+        records.iter().map(|r| r.coupling.force.length()).fold(0.0, f64::max)
+    };
+    let (on, off) = (most(true), most(false));
+    assert!(on > 0.05 && (on - off).abs() < 1e-9, "{on} N, without {off} N");
+}
+
+/// A bar of a U: a slot along y, with its floor at z = 0 and open above. Half width, height and half length,
+/// m.
+fn slot(half: f64, height: f64, length: f64) -> Object {
+    let wide = half + 0.02;
+    let section = [
+        [-wide, -0.02],
+        [wide, -0.02],
+        [wide, height],
+        [half, height],
+        [half, 0.0],
+        [-half, 0.0],
+        [-half, height],
+        [-wide, height],
+    ];
+    let ends = [-length, length].map(|y| section.map(|[x, z]| DVec3::new(x, y, z)));
+    let cap: [[u32; 3]; 6] = [[0, 1, 4], [0, 4, 5], [1, 2, 3], [1, 3, 4], [0, 5, 6], [0, 6, 7]];
+    let sides = (0..8).flat_map(|i: u32| {
+        let next = (i + 1) % 8;
+        [[i, i + 8, next], [next, i + 8, next + 8]]
+    });
+    let caps = cap.into_iter().flat_map(|[a, b, c]| [[a, b, c], [a + 8, c + 8, b + 8]]);
+    object(ends.concat(), sides.chain(caps).collect())
+}
+
+/// A pin that rests on one wall of a slot is held by the other one, too, whenever contacts are found.
+#[test]
+fn both_walls_of_a_slot_hold_a_pin() {
+    let (pin, scene) = (block(DVec3::new(0.004, 0.004, 0.03)), [(slot(0.01, 0.03, 0.05), DVec3::ZERO)]);
+    for (rate, phase) in [30.0, 50.0, 200.0].into_iter().flat_map(|r| [0.0, 0.007, 0.013].map(|p| (r, p))) {
+        for speed in [0.3, 1.0, 2.0] {
+            let across = move |time: f64| {
+                // In free air to above the slot, down, to the left wall and across to the right one.
+                let down = 0.03 * ((time - 0.2) / 0.2).clamp(0.0, 1.0);
+                let left = 0.01 * ((time - 0.5) / 0.2).clamp(0.0, 1.0);
+                let right = (speed * (time - 0.9 - phase).max(0.0)).min(0.022);
+                DVec3::new(right - left, 0.0, 0.055 - down)
+            };
+            let (records, _) = session(&pin, &scene, across, Response::Constraints, (rate, 1.3));
+            let most = records.iter().map(|r| r.object.translation.x).fold(f64::NEG_INFINITY, f64::max);
+            println!("{rate} Hz, {speed} m/s: {:.1e} m in", most - 0.008);
+            assert!((most - 0.008).abs() < OVERLAP, "{rate} Hz, {speed} m/s: at {most} m");
+        }
+    }
 }
 
 /// Far from all surfaces nothing waits, whatever the size of the probe and the rate of contacts: the hand

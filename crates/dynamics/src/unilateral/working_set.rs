@@ -48,9 +48,9 @@ pub(crate) fn choose(
     PASSED.0 + PASSED.1 * excesses.fold(0.0, f64::max)
 }
 
-/// Exchanges contacts for others that a velocity passes (m/s): makes overlap, or overlap more. Those that push
-/// least give way first: with that many on one surface, the others hold it without them. Returns whether there
-/// were any.
+/// Exchanges contacts for others that a velocity passes (m/s): makes overlap, or overlap more. Those that
+/// push least give way first: with that many on one surface, the others hold it without them. Returns whether
+/// there were any.
 pub(super) fn exchange(contacts: &mut [UnilateralContact], held: &Twist, passed: f64, dt: f64) -> bool {
     let (solved, others) = split(contacts, MAX_UNILATERAL);
     let push = |contact: &UnilateralContact| contact.normal.dot(contact.impulse);

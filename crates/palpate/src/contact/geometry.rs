@@ -193,10 +193,15 @@ impl ContactGeometry {
                 else {
                     continue;
                 };
-                let measured = guarded.measure(&frames, *slack, *margin + reach);
+                let mut measured = guarded.measure(&frames, *slack, *margin + reach);
+                let (mut clear, turned) = guarded.look_around(&frames, measured.distance, reach);
+                if turned {
+                    measured = guarded.measure(&frames, *slack, *margin + reach);
+                    clear = measured.distance;
+                }
                 let gap = measured.distance - measured.held * *margin;
                 // A point that has further to go is measured again in the next step.
-                let known = if measured.is_settled { gap } else { gap.min(reach) };
+                let known = if measured.is_settled { gap.min(clear) } else { gap.min(reach) };
                 (*slack, guarded.slack) = (known as f32, known as f32);
                 if gap > reach {
                     found.room = found.room.min(known - ahead);

@@ -25,6 +25,10 @@ const SHORTER: f64 = 0.25;
 /// Smallest gain in distance for which a point moves, m. With less, rounding moves it.
 const MIN_DESCENT: f64 = 1e-8;
 
+/// Distance at which a point looks for other faces that are nearer, in those at which it last did. At 2 it
+/// may already have met one.
+const LOOK_AROUND: f64 = 1.5;
+
 /// Fall of a distance relative to how far the point has moved, beyond 1, that is rounding. With more, a point
 /// moves to where the far side of a wall looks like a deep overlap.
 const ROUNDING: f64 = 1e-6;
@@ -60,6 +64,8 @@ pub(crate) struct GuardedPoint {
     pub slack: f32,
     /// Distance that the bodies may move before an overlap has to be searched for in the whole surface, m.
     trust: f32,
+    /// Distance at which the face was last known to be the nearest of the whole surface, m.
+    checked: f32,
 }
 
 /// A guarded point, measured.
@@ -151,8 +157,17 @@ impl GuardedPoint {
         let home = own.position(&place);
         let face = other.face_near(to_other.transform_point3(home), hint);
         let leash = Leash { home: home.as_vec3(), length: length as f32 };
-        let mut point =
-            Self { place, leash, face, object: index, is_probe, stride: 1.0, slack: 0.0, trust: 0.0 };
+        let mut point = Self {
+            place,
+            leash,
+            face,
+            object: index,
+            is_probe,
+            stride: 1.0,
+            slack: 0.0,
+            trust: 0.0,
+            checked: 0.0,
+        };
         point.settle(frames);
         point
     }
@@ -170,6 +185,7 @@ impl GuardedPoint {
         let Descent { closest, is_settled, .. } = self.descend(frames, MAX_FIRST_MOVES, f64::INFINITY);
         let nearer = if is_settled { 0.0 } else { 2.0 * self.leash.length };
         let distance = closest.distance as f32;
+        self.checked = distance;
         self.slack = distance.min((distance - nearer).max(0.0));
     }
 
@@ -226,6 +242,29 @@ impl GuardedPoint {
         }
         let out = frames.object.1.matrix3.transpose() * -normal;
         (1.0 - MITER * (1.0 - frames.object.0.facing(feature, out))).clamp(LEAST_HELD, 1.0)
+    }
+
+    /// Turns to the nearest face of the whole surface where a point has come away from the one that it knows,
+    /// as far as another one may be nearer by now. Two that face each other, as the walls of a slot, are at
+    /// least twice as far apart as the point was when it was nearest to one of them. `reach` is that of
+    /// contacts, m. Returns how far the bodies may move until then, m, and whether it has turned.
+    pub fn look_around(&mut self, frames: &Frames<'_>, distance: f64, reach: f64) -> (f64, bool) {
+        let checked = f64::from(self.checked);
+        if !distance.is_finite() || distance <= checked {
+            return (distance, false);
+        }
+        if distance <= LOOK_AROUND * checked + reach {
+            return (2.0 * checked - distance, false);
+        }
+        self.checked = distance as f32;
+        let Sides { own, other, to_other, .. } = frames.sides(self.is_probe);
+        let at = to_other.transform_point3(own.position(&self.place));
+        let Some(nearer) = other.nearer(at, distance) else { return (distance, false) };
+        let is_other = nearer.face != self.face && nearer.distance < distance - MIN_DESCENT;
+        if is_other {
+            (self.face, self.checked) = (nearer.face, nearer.distance as f32);
+        }
+        (nearer.distance, is_other)
     }
 
     /// The measurement of the point where it is, without moving it.

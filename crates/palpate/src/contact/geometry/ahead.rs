@@ -165,13 +165,11 @@ impl ContactGeometry {
                 measured.normal.dot(normal) <= 0.0 && distance + measured.distance <= motion
             };
             let still = point.still(&frames);
-            if is_beyond(&still) || still.distance < 0.0 {
-                (next, blocked) = (0.5 * next, None);
-                continue;
-            }
             let measured = settled(&mut there, &frames, least, MET * self.margin);
-            if is_beyond(&measured) || measured.distance < CLEAR * measured.held * self.margin {
-                (next, blocked) = (0.5 * next, (!is_beyond(&measured)).then_some((measured, at)));
+            let is_turned = is_beyond(&still) || is_beyond(&measured);
+            let overlaps = measured.distance < CLEAR * measured.held * self.margin;
+            if is_turned || overlaps || still.distance < 0.0 {
+                (next, blocked) = (0.5 * next, (overlaps && !is_turned).then_some((measured, at)));
                 continue;
             }
             let is_finite = measured.distance.is_finite();
