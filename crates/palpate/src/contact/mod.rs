@@ -39,7 +39,7 @@ use self::group::ContactGroup;
 use self::guard::Guard;
 use self::in_scene::{InScene, OnLoan, objects_of};
 use self::lookahead::Lookahead;
-pub(crate) use self::pairs::Draw;
+pub use self::pairs::Draw;
 use self::pairs::Pairs;
 pub(crate) use self::search::ByLevels;
 use self::search::{RESERVED, choose};
@@ -247,8 +247,9 @@ impl ContactLoop {
         self.step_drawn(body, &Draw::default(), time)
     }
 
-    /// The same for an object that the hand draws on.
-    pub(crate) fn step_drawn(&mut self, body: &BodyState, draw: &Draw, time: f64) -> ContactUpdate {
+    /// The same for an object that the hand draws on ([`HapticLoop::draw`](crate::HapticLoop::draw)): without
+    /// it, one that lags behind a fast hand near surfaces may wait for contacts.
+    pub fn step_drawn(&mut self, body: &BodyState, draw: &Draw, time: f64) -> ContactUpdate {
         self.interval = time - std::mem::replace(&mut self.time, time);
         self.on_loan.retain_mut(OnLoan::is_held);
         self.make_edits();

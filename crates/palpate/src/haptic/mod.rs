@@ -250,7 +250,7 @@ impl<T: Tool> HapticLoop<T> {
     }
 
     /// What draws a body on, for the contact loop.
-    pub(crate) fn draw(&self, body: usize) -> Draw {
+    pub(crate) fn draw_of(&self, body: usize) -> Draw {
         let (Some(hand), Some(contacts)) = (&self.hand, self.bodies.get(body)) else {
             return Draw::default();
         };

@@ -5,7 +5,7 @@ use palpate_device::DeviceState;
 use palpate_dynamics::{ArticulatedBody, ArticulatedState, BodyState, GripperCoupling};
 
 use super::HapticLoop;
-use crate::contact::ContactUpdate;
+use crate::contact::{ContactUpdate, Draw};
 use crate::telemetry::hinged_record::HingedRecord;
 use crate::telemetry::record::Record;
 use crate::tool::Moves as _;
@@ -21,6 +21,11 @@ impl HapticLoop<Rigid> {
     /// Pose of the grasped object's mesh frame.
     pub fn object_pose(&self) -> Pose {
         self.tool.object_pose(0)
+    }
+
+    /// What draws the object on, for [`ContactLoop::step_drawn`](crate::ContactLoop::step_drawn).
+    pub fn draw(&self) -> Draw {
+        self.draw_of(0)
     }
 
     /// [Blends](palpate_dynamics::ContactBlend) into a newer contact model, over the time between the last
@@ -60,6 +65,11 @@ impl HapticLoop<Hinged> {
     /// The coupling of gripper and hinge, in world units.
     pub fn grip(&self) -> &GripperCoupling {
         &self.tool.grip
+    }
+
+    /// What draws one body on, for [`ContactLoop::step_drawn`](crate::ContactLoop::step_drawn).
+    pub fn draw(&self, body: ToolBody) -> Draw {
+        self.draw_of(body as usize)
     }
 
     /// Blends into a newer contact model of one body, as a loop of one body does.

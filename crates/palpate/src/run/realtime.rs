@@ -191,7 +191,7 @@ impl ToContact {
     /// Sends the state of each body after the step at `now` (s).
     pub fn send<T: Tool>(all: &mut [Self], haptic: &HapticLoop<T>, now: f64) {
         for (body, channels) in all.iter_mut().enumerate() {
-            channels.state.write((now, haptic.tool.body_state(body), haptic.draw(body)));
+            channels.state.write((now, haptic.tool.body_state(body), haptic.draw_of(body)));
         }
     }
 }
