@@ -250,11 +250,12 @@ impl GuardedPoint {
     /// contacts, m. Returns how far the bodies may move until then, m, and whether it has turned.
     pub fn look_around(&mut self, frames: &Frames<'_>, distance: f64, reach: f64) -> (f64, bool) {
         let checked = f64::from(self.checked);
-        if !distance.is_finite() || distance <= checked {
+        if !distance.is_finite() || distance <= checked.max(reach) {
             return (distance, false);
         }
-        if distance <= LOOK_AROUND * checked + reach {
-            return (2.0 * checked - distance, false);
+        let left = 2.0 * checked - distance;
+        if left > reach && distance <= LOOK_AROUND * checked {
+            return (left, false);
         }
         self.checked = distance as f32;
         let Sides { own, other, to_other, .. } = frames.sides(self.is_probe);
