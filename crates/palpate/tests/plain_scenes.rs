@@ -210,6 +210,21 @@ fn a_narrow_pip_is_held_whatever_queries_leave_out() {
     assert!(lowest < -1e-4, "with penalties {lowest} m: nothing is shown");
 }
 
+/// A body that has been pressed onto a floor follows a hand that leaves it fast, also with few contact
+/// queries.
+#[test]
+fn a_body_leaves_a_floor_as_fast_as_the_hand() {
+    let (probe, slab) = (spindle(400, 0.06, (0.02, 0.02)), block(DVec3::new(0.5, 0.5, 0.02)));
+    let up = |time: f64| DVec3::Z * (0.015 + 1.1 * (time - 0.6).clamp(0.0, 0.25)).max(0.04 - 0.2 * time);
+    let lag = |scene: &[(Object, DVec3)]| {
+        let (records, _) = session(&probe, scene, up, Response::Constraints, (60.0, 0.9));
+        records[800].device.translation.distance(records[800].object.translation)
+    };
+    let (free, left) = (lag(&[]), lag(&[(slab, DVec3::Z * -0.01)]));
+    println!("{free:.4} m in free air, {left:.4} m behind from a floor");
+    assert!(left < free + 1e-3, "{left} m behind, {free} m in free air");
+}
+
 /// What only penalty contacts use changes nothing in free air.
 #[test]
 fn free_air_is_free_without_braking_and_proxy() {

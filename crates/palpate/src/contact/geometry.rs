@@ -4,7 +4,7 @@
 //! bodies' present poses. Each [guarded point](GuardedPoint) first descends over the features of its own
 //! surface to where that is nearest to the other one.
 
-pub(crate) mod ahead;
+pub(crate) mod taken;
 
 use std::sync::Arc;
 

@@ -42,6 +42,9 @@ const FIRST_INTERVAL: f64 = 0.02;
 /// more, points are guarded that it does not reach.
 const ACCELERATION: f64 = 5.0;
 
+/// The same of a body that has waited: nothing holds it against its coupling then.
+const WAITED_ACCELERATION: f64 = 50.0;
+
 /// Least motion that points without room leave to a body, in tolerances d. With none, a body that more points
 /// touch than there is room for could not come away; with more, these points overlap.
 const MIN_ROOM: f64 = 0.02;
@@ -85,7 +88,8 @@ impl ContactLoop {
         let ahead = INTERVALS * interval;
         let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
         // A body that waits is slow, and goes on with the hand.
-        let drawn = (0.5 * ACCELERATION * ahead * ahead).min(draw.stretch + draw.speed * ahead);
+        let acceleration = if draw.waited { WAITED_ACCELERATION } else { ACCELERATION };
+        let drawn = (0.5 * acceleration * ahead * ahead).min(draw.stretch + draw.speed * ahead);
         let reach = (tolerance + speed * ahead + drawn).max(MIN_REACH * tolerance);
         let radius = self.probe.bounding_radius();
         let edge = CELL * radius;

@@ -20,6 +20,8 @@ pub struct Draw {
     pub stretch: f64,
     /// Bound on the speed of any point of a body in the hand, m/s.
     pub speed: f64,
+    /// Whether the body has waited for contacts that its newest ones leave out.
+    pub waited: bool,
 }
 
 /// An object near the body, its starts, and the least distance of what they stand for, m.

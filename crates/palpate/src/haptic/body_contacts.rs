@@ -7,7 +7,7 @@ use palpate_dynamics::{BodyState, ContactBlend, LinearContactModel, MotionBound,
 use super::joined::Joined;
 use super::pushed_objects::PushedObjects;
 use super::reactions::ReactionFeed;
-use crate::contact::geometry::ahead::Taken;
+use crate::contact::geometry::taken::Taken;
 use crate::contact::geometry::{ContactGeometry, Slacks, StepContacts, StepMotion};
 use crate::contact::monitor::{ConstraintForces, ContactForce};
 use crate::telemetry::record::ModelData;

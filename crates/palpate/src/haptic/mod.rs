@@ -42,7 +42,7 @@ use self::reactions::Reactions;
 use self::tracking::{Reading, Tracking};
 use self::workspace::{Workspace, motion_at};
 use crate::contact::geometry::PredictedMotion;
-use crate::contact::geometry::ahead::Taken;
+use crate::contact::geometry::taken::Taken;
 use crate::contact::monitor::ConstraintForces;
 use crate::contact::{ContactUpdate, Draw};
 use crate::scene::SceneId;
@@ -78,6 +78,8 @@ pub struct HapticLoop<T: Tool = Rigid> {
     max_step: f64,
     /// Number of failed steps in a row.
     failed_steps: u32,
+    /// Whether the tool has waited for contacts that its newest ones leave out.
+    waited: bool,
     bodies: Box<[BodyContacts]>,
     /// Scene objects that contacts push.
     pushed: Box<PushedObjects>,
@@ -166,6 +168,7 @@ impl<T: Tool> HapticLoop<T> {
             output: Output::new(specification, slew, max_damping, engagement, period),
             max_step: (MAX_STEP.0 * period).max(MAX_STEP.1),
             failed_steps: 0,
+            waited: false,
             bodies: bodies.collect(),
             pushed: Box::new(PushedObjects::new(scale)),
             hand: None,
@@ -237,6 +240,7 @@ impl<T: Tool> HapticLoop<T> {
         known.take((body, geometry.as_ref()), (&state, age), &mut self.pushed, &self.outputs.joined);
         known.found = ModelData { time, pose: *model.pose(), depth, contacts };
         known.penalties = (depth, contacts);
+        self.waited = false;
     }
 
     /// Holds the tool where it is until contacts are found, or lets it go.
@@ -264,6 +268,7 @@ impl<T: Tool> HapticLoop<T> {
         Draw {
             stretch: MotionBound { from: held, radius, ..MotionBound::NONE }.displacement(&first),
             speed: linear.length() + angular.length() * lever + rate,
+            waited: self.waited,
         }
     }
 
@@ -402,6 +407,7 @@ impl<T: Tool> HapticLoop<T> {
         let events = &mut self.telemetry.events;
         let is_held = self.bodies.iter().any(BodyContacts::is_held);
         events.waited += u64::from(step.waited && !is_held);
+        self.waited |= step.waited && !is_held;
         events.step_refused += u64::from(step.status.failure.is_some());
         events.contacts_unsettled += u64::from(step.status.active_set_unsettled);
         events.step_unconverged += u64::from(step.status.unconverged);
