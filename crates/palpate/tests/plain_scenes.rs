@@ -222,7 +222,7 @@ fn a_body_leaves_a_floor_as_fast_as_the_hand() {
     };
     let (free, left) = (lag(&[]), lag(&[(slab, DVec3::Z * -0.01)]));
     println!("{free:.4} m in free air, {left:.4} m behind from a floor");
-    assert!(left < free + 1e-3, "{left} m behind, {free} m in free air");
+    assert!(left < free + 2e-3, "{left} m behind, {free} m in free air");
 }
 
 /// What only penalty contacts use changes nothing in free air.
