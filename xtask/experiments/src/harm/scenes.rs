@@ -618,6 +618,8 @@ struct Judge<'a> {
     oracle: Oracle,
     center: DVec3,
     overlap: f64,
+    /// Overlap at the start, m: that of a press fit, which stays.
+    fit: f64,
     /// Speeds of the probe's fastest point in the last steps, m/s, of hand and body.
     speeds: Vec<f64>,
     last: Option<(Pose, Pose)>,
@@ -629,7 +631,9 @@ struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    fn new(plan: &'a Plan, oracle: Oracle, center: DVec3) -> Self {
+    fn new(plan: &'a Plan, mut oracle: Oracle, center: DVec3) -> Self {
+        oracle.place(&plan.route.start());
+        let fit = oracle.overlap();
         let (low, high) = USUAL_RADIUS;
         let scale = (plan.radius / low).min(1.0).max(plan.radius / high);
         Self {
@@ -637,6 +641,7 @@ impl<'a> Judge<'a> {
             oracle,
             center,
             overlap: MAX_OVERLAP * scale,
+            fit,
             speeds: Vec::new(),
             last: None,
             clear: f64::NEG_INFINITY,
@@ -657,7 +662,7 @@ impl<'a> Judge<'a> {
             sideways.take(record.contact.force.dot(*along).abs(), MAX_SIDEWAYS, time);
         }
         self.oracle.place(&record.object);
-        overlap.take(self.oracle.overlap(), self.overlap, time);
+        overlap.take(self.oracle.overlap() - self.fit, self.overlap, time);
         self.touched |= record.contact.force != DVec3::ZERO;
 
         // How far the body can have moved since the query that the contact model is of.
