@@ -144,6 +144,7 @@ fn any_number_of_objects_is_felt() {
         let left = left.fold(0.0, f64::max);
         println!("{count}: {lowest:.6} m, {pressed:.2} N, {aside:.4} m aside, {left:.1e} m behind");
         assert!(lowest > 0.01 - OVERLAP, "{count}: {lowest} m is in the objects");
+        assert!(lowest < 0.01 + OVERLAP || count > 64, "{count}: it stays at {lowest} m");
         assert!(pressed > 0.1, "{count}: {pressed} N");
         assert!(left < lag, "{count}: {left} m behind");
         assert!(count > 64 || (aside - 0.004).abs() < 3e-4, "{count}: {aside} m aside");
