@@ -38,8 +38,8 @@ const ROUNDING: f64 = 1e-6;
 /// is; with less, steps take longer where bodies overlap deeply.
 const TRUSTED: f64 = 0.25;
 
-/// Share of the margin by which it is less at an edge, in shares that the normals of the faces beside it
-/// leave free: with 1, it is just the same as theirs. With more, edges are held at less distance than faces.
+/// How much the margin shrinks at an edge, relative to a mitre of the margins of its faces. At 1 a body that
+/// slides across level with a face just touches the edge; with more, edges are held nearer than faces.
 const MITER: f64 = 1.5;
 
 /// Least share of the margin. With less, surfaces that yield a little overlap.

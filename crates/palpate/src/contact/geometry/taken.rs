@@ -8,15 +8,15 @@
 //! there, and so does what overlaps at its end.
 
 use arrayvec::ArrayVec;
-use palpate_core::glam::{DQuat, DVec3};
+use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::{MAX_UNILATERAL, MotionBound, UnilateralContact};
 
 use super::{ContactGeometry, Frames, NearObject, StepContacts};
 use crate::contact::guarded_point::{GuardedPoint, Measured};
 
-/// Number of times that a step is taken at most: the last time, all contacts that it meets are as at its
-/// start. With fewer, bodies that meet many surfaces at once are held at edges; with more, steps may take
+/// Number of times that a step is taken at most: the last time, with all contacts at a distance if it met one
+/// of them. With fewer, bodies that meet many surfaces at once are held at edges; with more, steps may take
 /// longer.
 const MAX_TAKEN: u32 = 8;
 
@@ -76,14 +76,15 @@ pub(crate) struct Taken {
 }
 
 impl Taken {
+    /// Displacement of the centre of mass, m, and the rotation vector about it, rad.
+    fn motion(&self) -> Twist {
+        let [from, to] = &self.poses;
+        Twist::new(to.translation - from.translation, from.rotation_vector_to(to))
+    }
+
     /// Pose of the body after a share of the step.
     fn at(&self, share: f64) -> Pose {
-        let [from, to] = &self.poses;
-        let turn = DQuat::from_scaled_axis(from.rotation_vector_to(to) * share);
-        Pose {
-            translation: from.translation.lerp(to.translation, share),
-            rotation: (turn * from.rotation).normalize(),
-        }
+        self.poses[0].moved(&self.motion(), share)
     }
 }
 
@@ -110,12 +111,11 @@ impl ContactGeometry {
     /// moves by more than `moved` (m). Returns whether there is any.
     fn take_back(&self, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
         let StepContacts { aside, contacts, taken, .. } = found;
-        let [from, to] = &step.poses;
-        let (shift, turn) = (to.translation - from.translation, from.rotation_vector_to(to));
+        let motion = step.motion();
         // There is room for those that come back, as they were among the others, unless ends have taken it.
         let met = |contact: &UnilateralContact| {
             // What the step stays on this side of is not met.
-            let by = shift + turn.cross(contact.arm) - contact.velocity * step.dt;
+            let by = motion.velocity_at(contact.arm) - contact.velocity * step.dt;
             let is_near = contact.normal.dot(by) > contact.gap;
             is_near.then(|| self.met(contact, step, moved)).flatten()
         };

@@ -156,16 +156,16 @@ impl GuardedPoint {
             }
             MeshFeature::Face(face) => {
                 let found = sides.other.edges_of(face).map(|other| crossing_of(sides, edge, other));
-                let depth = -closest.distance;
+                let distance = closest.distance;
                 let is_there = |pair: &Pair| {
                     let way = pair.own.distance_squared(position);
-                    if depth > 0.0 {
+                    if distance < 0.0 {
                         // That of the overlap, and not of other sides of both bodies.
-                        let most = MAX_CROSSING * depth;
+                        let most = -MAX_CROSSING * distance;
                         (0.0..=most).contains(&-pair.distance) && way <= most * most
                     } else {
                         // Where the edge comes nearer, beyond the leash if that has stopped the point.
-                        let nearer = -depth - pair.distance;
+                        let nearer = distance - pair.distance;
                         nearer >= 0.0 && nearer * nearer <= way && way <= f64::from(self.leash.length).powi(2)
                     }
                 };
