@@ -13,7 +13,7 @@ use super::assemble::counterpart;
 use super::geometry::{ContactGeometry, MAX_OBJECT_MOTION, MAX_OBJECTS, NearObject};
 use super::guard::{Guard, Limits, Start};
 use super::near_features::Reaches;
-use super::pairs::{Draw, Found};
+use super::pairs::{Found, Pull};
 
 /// Edge of the cells in each of which a point starts, in bounding radii of the body. With larger cells, local
 /// minima of the distance are missed; with smaller ones there are more points.
@@ -38,7 +38,7 @@ const MAX_INTERVAL: f64 = 0.1;
 /// Query interval for which a body that is clear of all surfaces has room before any is known, s.
 const FIRST_INTERVAL: f64 = 0.02;
 
-/// Acceleration of a body that its coupling draws, m/s². With less, a body that speeds up is held back; with
+/// Acceleration of a body that its coupling pulls, m/s². With less, a body that speeds up is held back; with
 /// more, points are guarded that it does not reach.
 const ACCELERATION: f64 = 5.0;
 
@@ -82,20 +82,20 @@ impl ContactLoop {
 
     /// Finds what the haptic loop needs to hold the body out of the objects that are guarded; `None` if the
     /// body has no surface.
-    pub(super) fn guard(&mut self, body: &BodyState, draw: &Draw) -> Option<ContactGeometry> {
+    pub(super) fn guard(&mut self, body: &BodyState, pull: &Pull) -> Option<ContactGeometry> {
         let tolerance = self.parameters.tolerance;
         let interval = if self.interval > 0.0 { self.interval.min(MAX_INTERVAL) } else { 0.0 };
         let ahead = INTERVALS * interval;
         let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
         // A body that waits is slow, and goes on with the hand.
-        let acceleration = if draw.waited { WAITED_ACCELERATION } else { ACCELERATION };
-        let drawn = (0.5 * acceleration * ahead * ahead).min(draw.stretch + draw.speed * ahead);
-        let reach = (tolerance + speed * ahead + drawn).max(MIN_REACH * tolerance);
+        let acceleration = if pull.waited { WAITED_ACCELERATION } else { ACCELERATION };
+        let pulled = (0.5 * acceleration * ahead * ahead).min(pull.stretch + pull.speed * ahead);
+        let reach = (tolerance + speed * ahead + pulled).max(MIN_REACH * tolerance);
         let radius = self.probe.bounding_radius();
         let edge = CELL * radius;
         let enough = {
             let ahead = INTERVALS * if interval > 0.0 { interval } else { FIRST_INTERVAL };
-            reach + (draw.speed + 0.5 * HAND_ACCELERATION * ahead) * ahead
+            reach + (pull.speed + 0.5 * HAND_ACCELERATION * ahead) * ahead
         };
         let reaches = Reaches { reach, enough, edge, long: LONG * edge };
         let mut geometry = ContactGeometry {

@@ -39,8 +39,8 @@ use self::group::ContactGroup;
 use self::guard::Guard;
 use self::in_scene::{InScene, OnLoan, objects_of};
 use self::lookahead::Lookahead;
-pub use self::pairs::Draw;
 use self::pairs::Pairs;
+pub use self::pairs::Pull;
 pub(crate) use self::search::ByLevels;
 use self::search::{RESERVED, choose};
 use self::touching::Patches;
@@ -244,18 +244,18 @@ impl ContactLoop {
     /// Finds the contacts for the grasped object's state at `time` (s), where it is at rest in the hand or
     /// moves with it. Allocates only while the workspaces grow to the size that the scene needs.
     pub fn step(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
-        self.step_drawn(body, &Draw::default(), time)
+        self.step_pulled(body, &Pull::default(), time)
     }
 
-    /// The same for an object that the hand draws on ([`HapticLoop::draw`](crate::HapticLoop::draw)): without
+    /// The same for an object that the hand pulls ([`HapticLoop::pull`](crate::HapticLoop::pull)): without
     /// it, one that lags behind a fast hand near surfaces may wait for contacts.
-    pub fn step_drawn(&mut self, body: &BodyState, draw: &Draw, time: f64) -> ContactUpdate {
+    pub fn step_pulled(&mut self, body: &BodyState, pull: &Pull, time: f64) -> ContactUpdate {
         self.interval = time - std::mem::replace(&mut self.time, time);
         self.on_loan.retain_mut(OnLoan::is_held);
         self.make_edits();
         self.tune(self.interval);
         self.move_objects(body, time);
-        let geometry = if self.response == Response::Constraints { self.guard(body, draw) } else { None };
+        let geometry = if self.response == Response::Constraints { self.guard(body, pull) } else { None };
         let guards_all = geometry.is_some() && self.guards_all();
         self.note(geometry.is_some(), !guards_all);
         let update = if guards_all {

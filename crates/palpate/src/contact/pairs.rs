@@ -12,10 +12,10 @@ use super::near_features::NearFeatures;
 /// Number of queries after which what is known of an object that was not near in them is forgotten.
 const KEPT: u64 = 256;
 
-/// What draws a body on: the hand, by the haptic loop. Contacts are found as far as that may take the body
-/// until the next ones.
+/// How the hand pulls a body, by the haptic loop. Contacts are found as far as that may take the body until
+/// the next ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Draw {
+pub struct Pull {
     /// Bound on how far any point of the body is from where the hand would hold it, m.
     pub stretch: f64,
     /// Bound on the speed of any point of a body in the hand, m/s.

@@ -44,7 +44,7 @@ use self::workspace::{Workspace, motion_at};
 use crate::contact::geometry::PredictedMotion;
 use crate::contact::geometry::taken::Taken;
 use crate::contact::monitor::ConstraintForces;
-use crate::contact::{ContactUpdate, Draw};
+use crate::contact::{ContactUpdate, Pull};
 use crate::scene::SceneId;
 use crate::scene::clock::SessionClock;
 use crate::scene::moving::HandMotion;
@@ -253,19 +253,19 @@ impl<T: Tool> HapticLoop<T> {
         self.contacts_ended = true;
     }
 
-    /// What draws a body on, for the contact loop.
-    pub(crate) fn draw_of(&self, body: usize) -> Draw {
+    /// How the hand pulls a body, for the contact loop.
+    pub(crate) fn pull_of(&self, body: usize) -> Pull {
         let (Some(hand), Some(contacts)) = (&self.hand, self.bodies.get(body)) else {
-            return Draw::default();
+            return Pull::default();
         };
         let [first, own] = [0, body].map(|body| self.tool.body_state(body).pose);
         let held = self.tool.coupling().relaxed_pose(&hand.device.pose);
-        // A body at a hinge is drawn by the first one, and turns with the gripper.
+        // A body at a hinge is pulled by the first one, and turns with the gripper.
         let radius = own.translation.distance(first.translation) + contacts.radius();
         let rate = if body == 0 { 0.0 } else { 2.0 * contacts.radius() * hand.gripper.rate.abs() };
         let lever = held.translation.distance(hand.device.pose.translation) + radius;
         let Twist { linear, angular } = hand.device.twist;
-        Draw {
+        Pull {
             stretch: MotionBound { from: held, radius, ..MotionBound::NONE }.displacement(&first),
             speed: linear.length() + angular.length() * lever + rate,
             waited: self.waited,

@@ -5,7 +5,7 @@ use palpate_device::DeviceState;
 use palpate_dynamics::{ArticulatedBody, ArticulatedState, BodyState, GripperCoupling};
 
 use super::HapticLoop;
-use crate::contact::{ContactUpdate, Draw};
+use crate::contact::{ContactUpdate, Pull};
 use crate::telemetry::hinged_record::HingedRecord;
 use crate::telemetry::record::Record;
 use crate::tool::Moves as _;
@@ -23,9 +23,9 @@ impl HapticLoop<Rigid> {
         self.tool.object_pose(0)
     }
 
-    /// What draws the object on, for [`ContactLoop::step_drawn`](crate::ContactLoop::step_drawn).
-    pub fn draw(&self) -> Draw {
-        self.draw_of(0)
+    /// How the hand pulls the object, for [`ContactLoop::step_pulled`](crate::ContactLoop::step_pulled).
+    pub fn pull(&self) -> Pull {
+        self.pull_of(0)
     }
 
     /// [Blends](palpate_dynamics::ContactBlend) into a newer contact model, over the time between the last
@@ -67,9 +67,9 @@ impl HapticLoop<Hinged> {
         &self.tool.grip
     }
 
-    /// What draws one body on, for [`ContactLoop::step_drawn`](crate::ContactLoop::step_drawn).
-    pub fn draw(&self, body: ToolBody) -> Draw {
-        self.draw_of(body as usize)
+    /// How the hand pulls one body, for [`ContactLoop::step_pulled`](crate::ContactLoop::step_pulled).
+    pub fn pull(&self, body: ToolBody) -> Pull {
+        self.pull_of(body as usize)
     }
 
     /// Blends into a newer contact model of one body, as a loop of one body does.

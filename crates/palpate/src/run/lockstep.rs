@@ -115,7 +115,7 @@ impl<T: Tool> LockstepSession<T> {
         if start < now - slack {
             let updates = contacts.iter_mut().enumerate().map(|(body, contact)| {
                 let begun = Instant::now();
-                let update = contact.step_drawn(&haptic.tool.body_state(body), &haptic.draw_of(body), seen);
+                let update = contact.step_pulled(&haptic.tool.body_state(body), &haptic.pull_of(body), seen);
                 let took = begun.elapsed();
                 let telemetry = contact.telemetry_mut();
                 telemetry.query.record(took.as_nanos() as u64);

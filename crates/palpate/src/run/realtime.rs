@@ -17,7 +17,7 @@ use palpate_realtime::{Role, ThreadSetup, lock_memory, set_up};
 use rtrb::{Consumer, Producer, RingBuffer};
 use spin_sleep::{SpinSleeper, SpinStrategy};
 
-use crate::contact::{ContactLoop, ContactUpdate, Draw};
+use crate::contact::{ContactLoop, ContactUpdate, Pull};
 use crate::haptic::HapticLoop;
 use crate::haptic::presence::FADE;
 use crate::run::lockstep::steps_in;
@@ -152,8 +152,8 @@ impl Drop for SetOnDrop<'_> {
     }
 }
 
-/// Time (s), state of a body and what draws it on.
-type Moment = (f64, BodyState, Draw);
+/// Time (s), state of a body and how the hand pulls it.
+type Moment = (f64, BodyState, Pull);
 
 /// Haptic loop's end of the channels to and from a contact loop.
 #[derive(Debug)]
@@ -172,7 +172,7 @@ pub(crate) struct FromHaptic {
 /// Makes the channels between the haptic loop and the contact loop of a body, with the body's initial state.
 pub(crate) fn channels(body: BodyState) -> (ToContact, FromHaptic) {
     let (models_in, models) = RingBuffer::new(MODEL_RING);
-    let (state, state_out) = triple_buffer::triple_buffer(&(0.0, body, Draw::default()));
+    let (state, state_out) = triple_buffer::triple_buffer(&(0.0, body, Pull::default()));
     (ToContact { models, state }, FromHaptic { models: models_in, state: state_out })
 }
 
@@ -191,7 +191,7 @@ impl ToContact {
     /// Sends the state of each body after the step at `now` (s).
     pub fn send<T: Tool>(all: &mut [Self], haptic: &HapticLoop<T>, now: f64) {
         for (body, channels) in all.iter_mut().enumerate() {
-            channels.state.write((now, haptic.tool.body_state(body), haptic.draw_of(body)));
+            channels.state.write((now, haptic.tool.body_state(body), haptic.pull_of(body)));
         }
     }
 }
@@ -311,9 +311,9 @@ pub(crate) fn run_contact(
             continue;
         }
         first = false;
-        let (time, body, draw) = *state.output_buffer_mut();
+        let (time, body, pull) = *state.output_buffer_mut();
         let begun = Instant::now();
-        let update = contact.step_drawn(&body, &draw, time);
+        let update = contact.step_pulled(&body, &pull, time);
         let telemetry = contact.telemetry_mut();
         telemetry.query.record(begun.elapsed().as_nanos() as u64);
         telemetry.events.model_dropped += u64::from(models.push(update).is_err());
