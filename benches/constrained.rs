@@ -18,9 +18,12 @@ use palpate::{
 const STEP: f64 = 1e-3;
 /// Density of steel, kg/m³.
 const STEEL: f64 = 7850.0;
-/// Steps before those that are replayed, and number of these.
-const BEFORE: u32 = 500;
+/// Number of steps that are replayed.
 const REPLAYED: u32 = 1000;
+/// Height of a golf ball over another one, 42.7 mm in diameter, m.
+const DEEP_HEIGHT: f64 = 0.0377;
+/// Triangles of a body that overlaps with another one.
+const DETAIL: usize = 20_000;
 
 /// What a hand does with an object.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,11 +34,15 @@ pub enum Task {
     Sliding,
     /// A peg that is held aslant in its hole and moved up and down.
     Peg,
+    /// A golf ball that starts 5 mm deep in another one, and is turned there.
+    Deep,
+    /// An ellipsoid that starts where another one is.
+    Inside,
 }
 
 impl Task {
     /// All tasks.
-    pub const ALL: [Self; 3] = [Self::Free, Self::Sliding, Self::Peg];
+    pub const ALL: [Self; 5] = [Self::Free, Self::Sliding, Self::Peg, Self::Deep, Self::Inside];
 
     /// Name of the task.
     pub fn name(self) -> &'static str {
@@ -43,16 +50,27 @@ impl Task {
             Self::Free => "free",
             Self::Sliding => "sliding",
             Self::Peg => "peg",
+            Self::Deep => "deep",
+            Self::Inside => "inside",
+        }
+    }
+
+    /// Steps before those that are replayed.
+    fn before(self) -> u32 {
+        match self {
+            Self::Free | Self::Sliding | Self::Peg => 500,
+            Self::Deep | Self::Inside => 0,
         }
     }
 
     /// Object in the hand, and the scene's.
     fn objects(self) -> [Object; 2] {
         let fit = PegFit::LOOSE_8_MM;
+        let generated = |model: Model, triangles: usize| model.generate(triangles).expect("a model");
         let [held, fixed] = match self {
-            Self::Sliding => {
-                [prism(16), Model::Plate.generate(Model::Plate.default_triangles()).expect("a plate")]
-            }
+            Self::Sliding => [prism(16), generated(Model::Plate, Model::Plate.default_triangles())],
+            Self::Deep => [generated(Model::GolfBall, DETAIL), generated(Model::GolfBall, DETAIL)],
+            Self::Inside => [generated(Model::Ellipsoid, 500), generated(Model::Ellipsoid, 500)],
             Self::Free | Self::Peg => [fit.peg(1000).expect("a peg"), fit.hole(1200).expect("a hole")],
         };
         [("held", held), ("fixed", fixed)]
@@ -75,6 +93,8 @@ impl Task {
                 DVec3::Z * (1e-3 - 0.011 * lowered + 1e-3 * sin),
                 DQuat::from_rotation_z(0.1 * cos) * DQuat::from_rotation_y(2_f64.to_radians()),
             ),
+            Self::Deep => Pose::new(DVec3::Z * DEEP_HEIGHT, DQuat::from_rotation_z(0.1 * sin)),
+            Self::Inside => Pose::IDENTITY,
         }
     }
 }
@@ -141,18 +161,18 @@ impl Replay {
             force: 0.0,
         };
         let mut found = None;
-        for step in 1..=BEFORE + REPLAYED {
+        for step in 1..=task.before() + REPLAYED {
             let time = STEP * f64::from(step);
             let state = state(time);
             let update = found.take();
             if step % 2 == 0 {
                 found = Some(contact.step(haptic.body_state(), time - STEP));
             }
-            if step == BEFORE + 1 {
+            if step == task.before() + 1 {
                 made.start = haptic.clone();
             }
             let record = take(&mut haptic, &state, update.as_ref());
-            if step > BEFORE {
+            if step > task.before() {
                 made.contacts += f64::from(record.contacts) / f64::from(REPLAYED);
                 made.force += record.contact.force.length() / f64::from(REPLAYED);
                 made.steps.push((state, update));
