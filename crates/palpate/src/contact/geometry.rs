@@ -131,6 +131,8 @@ pub(crate) struct StepContacts {
     aside: ArrayVec<UnilateralContact, MAX_POINTS>,
     /// Number of times that the step was taken.
     taken: u32,
+    /// Number of measurements of points that are left for taking it again.
+    left: u32,
 }
 
 /// Motion of the body from one step to the next.
@@ -385,7 +387,7 @@ impl StepContacts {
         self.depth = 0.0;
         self.near.clear();
         self.aside.clear();
-        self.taken = 0;
+        (self.taken, self.left) = (0, taken::MAX_MEASURED);
     }
 
     /// Forgets which points the contacts are of; they are found again by their places.

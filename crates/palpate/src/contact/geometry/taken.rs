@@ -39,7 +39,11 @@ const SHORTEST: f64 = LONGEST / 64.0;
 
 /// Number of poses at most. With fewer, bodies are held that come near a surface without meeting it; with
 /// more, steps may take longer.
-const MAX_MEASURED: u32 = 32;
+const MAX_POSES: u32 = 32;
+
+/// Number of measurements of points in all the times that a step is taken. With fewer, bodies that meet many
+/// surfaces at once are held at edges; with more, steps may take longer.
+pub(super) const MAX_MEASURED: u32 = 1024;
 
 /// Number of times that a point is measured again until it has no further to go. With fewer, points that move
 /// fast over a surface are not where it is nearest.
@@ -110,16 +114,16 @@ impl ContactGeometry {
     /// Takes contacts back whose surfaces are not clear of each other in a step in which no point of the body
     /// moves by more than `moved` (m). Returns whether there is any.
     fn take_back(&self, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
-        let StepContacts { aside, contacts, taken, .. } = found;
+        let StepContacts { aside, contacts, taken, left, .. } = found;
         let motion = step.motion();
         // There is room for those that come back, as they were among the others, unless ends have taken it.
-        let met = |contact: &UnilateralContact| {
+        let is_last = *taken + 1 >= MAX_TAKEN;
+        let mut met = |contact: &UnilateralContact| {
             // What the step stays on this side of is not met.
             let by = motion.velocity_at(contact.arm) - contact.velocity * step.dt;
             let is_near = contact.normal.dot(by) > contact.gap;
-            is_near.then(|| self.met(contact, step, moved)).flatten()
+            is_near.then(|| self.met(contact, step, moved, left)).flatten()
         };
-        let is_last = *taken + 1 >= MAX_TAKEN;
         if is_last && aside.iter().any(|contact| met(contact).is_some()) {
             while let Some(contact) = aside.pop() {
                 let _ = contacts.try_push(contact);
@@ -145,16 +149,22 @@ impl ContactGeometry {
 
     /// What a point meets in a step that passes its contact's plane; `None` if the surfaces always are clear
     /// of each other. Where the direction between them turns round while they are near, one may have passed
-    /// the other.
-    fn met(&self, contact: &UnilateralContact, step: &Taken, moved: f64) -> Option<Met> {
+    /// the other. Without measurements `left`, what is not known to be clear may be met.
+    fn met(
+        &self,
+        contact: &UnilateralContact,
+        step: &Taken,
+        moved: f64,
+        left: &mut u32,
+    ) -> Option<Met> {
         let (mut point, object) = self.point(contact.key)?;
         let all = moved + object.speed * step.dt;
         let (mut normal, mut distance) = (contact.normal, contact.gap + self.margin);
         // The last pose at which they are clear, and the first at which they are not.
         let (mut clear, mut blocked) = (None, None);
-        let (mut share, mut next, mut left) = (0.0, LONGEST, MAX_MEASURED);
-        while share < 1.0 && next >= SHORTEST && left > 0 {
-            left -= 1;
+        let (mut share, mut next, mut poses) = (0.0, LONGEST, MAX_POSES);
+        while share < 1.0 && next >= SHORTEST && poses > 0 && *left > 0 {
+            poses -= 1;
             let at = (share + next).min(1.0);
             let (mut there, motion) = (point, (at - share) * all);
             let least = f64::from(point.slack) - motion;
@@ -165,7 +175,7 @@ impl ContactGeometry {
                 measured.normal.dot(normal) <= 0.0 && distance + measured.distance <= motion
             };
             let still = point.still(&frames);
-            let measured = settled(&mut there, &frames, least, MET * self.margin);
+            let measured = settled(&mut there, &frames, least, MET * self.margin, left);
             let is_turned = is_beyond(&still) || is_beyond(&measured);
             let overlaps = measured.distance < CLEAR * measured.held * self.margin;
             if is_turned || overlaps || still.distance < 0.0 {
@@ -224,13 +234,18 @@ impl ContactGeometry {
     /// `moved` (m). Returns whether there is any.
     fn add_ahead(&self, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
         let margin = self.margin;
-        let known = found.contacts.len();
+        let StepContacts { contacts, near, left, .. } = found;
+        let known = contacts.len();
         let mut last: Option<(u8, Frames<'_>)> = None;
-        for index in 0..found.near.len() {
-            let key = found.near[index];
+        for &key in near.iter() {
+            if *left == 0 {
+                break;
+            }
             let Some((mut point, object)) = self.point(key) else { continue };
-            let least = f64::from(point.slack) - moved - object.speed * step.dt;
-            if least > CLEAR * margin {
+            let gap = f64::from(point.slack);
+            let least = gap - moved - object.speed * step.dt;
+            // What overlaps at the start is met there.
+            if least > CLEAR * margin || gap < -margin {
                 continue;
             }
             let frames = match last {
@@ -238,25 +253,26 @@ impl ContactGeometry {
                 _ => self.frames_at(object, step, 1.0),
             };
             last = Some((point.object, frames));
-            let later = settled(&mut point, &frames, least, 0.0);
+            let later = settled(&mut point, &frames, least, 0.0, left);
             // A step brings nothing nearer by more than the motion in it.
             if !(least..CLEAR * later.held * margin).contains(&later.distance) {
                 continue;
             }
             let end = self.contact_at(key, object, step, 1.0, &later);
-            let start = UnilateralContact { gap: f64::from(point.slack), ..end };
-            let contact = self.met(&start, step, moved).and_then(|met| met.contact).unwrap_or(end);
+            let start = UnilateralContact { gap, ..end };
+            let met = self.met(&start, step, moved, left);
+            let contact = met.and_then(|met| met.contact).unwrap_or(end);
             let is_same = |known: &UnilateralContact| {
                 known.key == key && known.normal.dot(contact.normal) > AHEAD_NORMAL
             };
             // What overlaps though the step leads away from it has come in from elsewhere.
-            let was_there = contact.gap < f64::from(point.slack).min(0.0) - margin;
-            if !was_there && !found.contacts.iter().any(is_same) {
+            let was_there = contact.gap < gap.min(0.0) - margin;
+            if !was_there && !contacts.iter().any(is_same) {
                 // What there is no room for is met in the next step.
-                let _ = found.contacts.try_push(contact);
+                let _ = contacts.try_push(contact);
             }
         }
-        found.contacts.len() > known
+        contacts.len() > known
     }
 
     /// A point with its object.
@@ -273,16 +289,24 @@ impl ContactGeometry {
     }
 }
 
-/// The measurement of a point that has moved to where its surface is nearest to the other one.
-fn settled(point: &mut GuardedPoint, frames: &Frames<'_>, least: f64, reach: f64) -> Measured {
-    let mut measured = point.measure(frames, least as f32, reach);
-    for _ in 0..MAX_SETTLING {
-        if measured.is_settled {
-            break;
+/// The measurement of a point that has moved to where its surface is nearest to the other one, as far as it
+/// gets by the measurements `left`.
+fn settled(
+    point: &mut GuardedPoint,
+    frames: &Frames<'_>,
+    least: f64,
+    reach: f64,
+    left: &mut u32,
+) -> Measured {
+    let mut settling = MAX_SETTLING;
+    loop {
+        let measured = point.measure(frames, least as f32, reach);
+        *left = left.saturating_sub(1);
+        if measured.is_settled || settling == 0 || *left == 0 {
+            return measured;
         }
-        measured = point.measure(frames, least as f32, reach);
+        settling -= 1;
     }
-    measured
 }
 
 impl NearObject {
