@@ -244,8 +244,8 @@ impl ContactGeometry {
             let Some((mut point, object)) = self.point(key) else { continue };
             let gap = f64::from(point.slack);
             let least = gap - moved - object.speed * step.dt;
-            // What overlaps at the start is met there.
-            if least > CLEAR * margin || gap < -margin {
+            // What overlaps deeply at the start is met there.
+            if least > CLEAR * margin || gap < -MET_DEPTH * margin {
                 continue;
             }
             let frames = match last {
