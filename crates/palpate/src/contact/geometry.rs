@@ -203,7 +203,7 @@ impl ContactGeometry {
                 }
                 let gap = measured.distance - measured.held * *margin;
                 // A point that has further to go is measured again in the next step.
-                let known = if measured.is_settled { gap.min(clear) } else { gap.min(reach) };
+                let known = gap.min(if measured.is_settled { clear } else { reach }).min(measured.nearest);
                 (*slack, guarded.slack) = (known as f32, known as f32);
                 if gap > reach {
                     found.room = found.room.min(known - ahead);

@@ -75,8 +75,11 @@ pub(crate) struct Measured {
     pub point: DVec3,
     /// Unit normal out of the body in the hand, world axes.
     pub normal: DVec3,
-    /// Signed distance of the surfaces, negative where they overlap, m.
+    /// Signed distance of the surfaces along it, negative where they overlap, m; infinite where another point
+    /// is nearer.
     pub distance: f64,
+    /// Signed distance of the point from the other surface, m.
+    pub nearest: f64,
     /// Whether no point near it on its own surface is nearer.
     pub is_settled: bool,
     /// Share of the margin between surfaces at which they are held apart there.
@@ -227,7 +230,8 @@ impl GuardedPoint {
             (frames.probe.1.transform_point3(closest.point), outward)
         };
         let held = self.held(frames, closest.feature, normal);
-        Measured { point, normal, distance: closest.distance, is_settled, held }
+        let distance = closest.distance;
+        Measured { point, normal, distance, nearest: distance, is_settled, held }
     }
 
     /// Share of the margin at which surfaces are held apart at features with a normal out of the body in the

@@ -183,7 +183,7 @@ impl ContactGeometry {
                 continue;
             }
             let is_finite = measured.distance.is_finite();
-            there.slack = if is_finite { measured.distance.max(least) } else { least } as f32;
+            there.slack = measured.distance.min(measured.nearest).max(least) as f32;
             (point, share, next) = (there, at, (2.0 * next).min(LONGEST));
             // At an infinite distance it is another point that is nearer.
             if is_finite {

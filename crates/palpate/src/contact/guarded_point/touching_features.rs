@@ -140,7 +140,8 @@ impl GuardedPoint {
             (object.transform_point3(other), -object.transform_vector3(normal))
         };
         let held = self.held(frames, descent.closest.feature, normal);
-        Measured { point, normal, distance, is_settled: descent.is_settled, held }
+        let Descent { closest, is_settled, .. } = *descent;
+        Measured { point, normal, distance, nearest: closest.distance, is_settled, held }
     }
 
     /// The points where the edge that the point is on crosses one that is nearest, or beside the face that
