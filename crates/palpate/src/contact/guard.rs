@@ -35,6 +35,9 @@ const MAX_GROWTH: u32 = 3;
 /// lie along each other touch between points.
 const MAX_NEAR: usize = 3 * MAX_UNILATERAL / 2;
 
+/// Coarseness with the largest growth.
+const COARSE: u32 = MAX_GROWTH - 1;
+
 /// Largest coarseness of cells.
 const MAX_COARSENESS: u32 = 10;
 
@@ -157,6 +160,16 @@ pub(super) struct Limits {
     pub edge: f64,
     /// Distance within which at most [`MAX_NEAR`] points are, since a step may meet all of them, m.
     pub near: f64,
+    /// How far the body is to be able to move, m.
+    pub room: f64,
+}
+
+/// How far the body is to be able to move with cells of a coarseness, m: the coarser they are, the less.
+fn room_at(coarseness: u32, limits: &Limits) -> f64 {
+    match coarseness.checked_sub(COARSE) {
+        Some(doublings) => limits.room / f64::from(1 << doublings),
+        None => f64::INFINITY,
+    }
 }
 
 impl Start {
@@ -208,11 +221,12 @@ impl Start {
             return self.feature();
         }
         // Of tips, only those that are very near each other are one.
-        let scale = if self.is_tip { TIPS / edge } else { 1.0 / (edge * (1 << size) as f32) };
+        let tips = ((self.distance / edge).max(1.0) as u32).ilog2().min(15);
+        let scale = if self.is_tip { TIPS / (edge * (1 << tips) as f32) } else { 1.0 / (edge * (1 << size) as f32) };
         let [x, y, z] = (self.at * scale).floor().to_array().map(|at| (at as i32 & 0xFFF) as u64);
         let is_on_edge = matches!(self.on, Place::Edge(..));
         let kind = u64::from(self.is_probe) | u64::from(is_on_edge) << 1 | u64::from(self.is_tip) << 2;
-        let size = if self.is_tip { 0 } else { u64::from(size) };
+        let size = u64::from(if self.is_tip { tips } else { size });
         let others = [(u64::from(self.side), 3), (size, 4), (kind, 3), (u64::from(self.object.1), 16)];
         others.iter().fold(x << 24 | y << 12 | z, |key, (part, bits)| key << bits | part)
     }
@@ -249,14 +263,16 @@ impl Guard {
         if self.starts.len() <= most {
             return f64::INFINITY;
         }
-        self.starts.select_nth_unstable_by(most, |a, b| a.distance.total_cmp(&b.distance));
+        self.starts.select_nth_unstable_by(most, |a, b| a.least.total_cmp(&b.least));
         self.starts.drain(most..).map(|start| start.least()).fold(f64::INFINITY, f64::min)
     }
 
     /// Makes the points of the starts: one for each cell. Where surfaces lie along each other, cells are made
-    /// coarser until there is room. Returns the distance of the nearest point for which there is none, m, and
-    /// the number of these.
+    /// coarser until there is room. The coarser they are, the more they hide: what the body need not reach is
+    /// left out first. Returns the distance of the nearest point for which there is no room, m, and the number
+    /// of these within the body's reach.
     pub fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, limits: &Limits) -> (f64, usize) {
+        let mut left_out = self.limit_to(room_at(self.coarseness, limits));
         // Bodies move little between queries: about as many cells as then come out as the same point. Cells
         // are made finer again where their points should fit.
         let same = self.points.len() as f64 / self.cells.len().max(1) as f64;
@@ -276,15 +292,27 @@ impl Guard {
             if is_last || !self.are_too_many(limits.near) {
                 self.make(geometry, mesh, limits, &cells);
                 let near = self.points.iter().filter(|point| f64::from(point.slack) < limits.near).count();
-                if is_last || (self.points.len() <= MAX_POINTS && near <= MAX_NEAR) {
+                let fits = |next: &GuardedPoint| room_at(self.coarseness, limits) <= next.slack.into();
+                let all_fit = self.points.get(MAX_POINTS).is_none_or(fits);
+                if is_last || (all_fit && near <= MAX_NEAR) {
                     break;
                 }
             }
             self.coarseness += 1;
+            left_out = left_out.min(self.limit_to(room_at(self.coarseness, limits)));
         }
         geometry.guard(&self.points);
         let nearest = self.points.get(MAX_POINTS).map_or(f64::INFINITY, |point| point.slack.into());
-        (nearest, self.points.len().saturating_sub(MAX_POINTS))
+        let is_missed = |point: &&GuardedPoint| f64::from(point.slack) < limits.room;
+        let missed = self.points.iter().skip(MAX_POINTS).take_while(is_missed).count();
+        (nearest.min(left_out), missed)
+    }
+
+    /// Leaves out the furthest starts if what is within a distance (m) fits. Returns the least distance of
+    /// those, m.
+    fn limit_to(&mut self, room: f64) -> f64 {
+        let within = self.starts.iter().filter(|start| start.least() < room).count();
+        if within <= MAX_CELLS { self.limit(MAX_CELLS) } else { f64::INFINITY }
     }
 
     /// Whether the chosen starts are so many that not all of their points would find room, though some of

@@ -88,9 +88,12 @@ impl ContactLoop {
         let ahead = INTERVALS * interval;
         let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
         // A body that waits is slow, and goes on with the hand.
+        let least = tolerance + speed * ahead;
+        let pulled = |acceleration: f64| {
+            (0.5 * acceleration * ahead * ahead).min(pull.stretch + pull.speed * ahead)
+        };
         let acceleration = if pull.waited { WAITED_ACCELERATION } else { ACCELERATION };
-        let pulled = (0.5 * acceleration * ahead * ahead).min(pull.stretch + pull.speed * ahead);
-        let reach = (tolerance + speed * ahead + pulled).max(MIN_REACH * tolerance);
+        let reach = (least + pulled(acceleration)).max(MIN_REACH * tolerance);
         let radius = self.probe.bounding_radius();
         let edge = CELL * radius;
         let enough = {
@@ -115,7 +118,8 @@ impl ContactLoop {
         let room = self.start(&mut guard, &mut geometry, &mesh, &reaches);
         let room = room.min(guard.limit(MAX_STARTS).max(MIN_ROOM * tolerance));
         let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
-        let (nearest, dropped) = guard.fill(&mut geometry, &mesh, &Limits { edge, near });
+        let limits = Limits { edge, near, room: least + pulled(ACCELERATION) };
+        let (nearest, dropped) = guard.fill(&mut geometry, &mesh, &limits);
         // Points for which there is no room are further away than all others.
         geometry.bound.room = room.max(0.0).min(nearest.max(MIN_ROOM * tolerance));
         geometry.far_speed = self.far_speed(&geometry);
