@@ -8,7 +8,6 @@
 
 use std::ops::Range;
 
-use arrayvec::ArrayVec;
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::MotionBound;
@@ -42,10 +41,6 @@ const MAX_READ: usize = 1024;
 /// Largest distance between starts on an edge over one flat part of the other surface, in edges of cells.
 /// With more, the surface may end between them unseen; with less, edges that lie on faces have many contacts.
 const FLAT_STEP: f64 = 4.0;
-
-/// Number of such starts for which the vertices of an edge stand that is all over one flat part. With more,
-/// the surface may end unseen below long edges; with fewer, short edges that lie on faces have many contacts.
-const MAX_HELD: usize = 4;
 
 /// Smallest cosine of the angle between faces of a flat part.
 const FLAT: f64 = 1.0 - 1e-9;
@@ -399,8 +394,7 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
                 let near =
                     NearFeature { place, is_probe, is_tip, point, distance, apart, least, leash, hint };
                 let normal = self.other.normal_of(hint);
-                let part = EdgePart { near, is_end: first == 0.0 || last == 1.0 };
-                run.add(part, normal, FLAT_STEP * self.reaches.edge, &mut self.to);
+                run.add(near, normal, FLAT_STEP * self.reaches.edge, &mut self.to);
             } else {
                 let hint = readings[part].hint;
                 // Along the edge, so that its parts come in their order.
@@ -411,69 +405,45 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
     }
 }
 
-/// A part of an edge that is within reach.
-#[derive(Clone, Copy)]
-struct EdgePart {
-    near: NearFeature,
-    /// Whether it ends at a vertex of the surface.
-    is_end: bool,
-}
-
 /// Parts of an edge, in their order, over one flat part of the other surface.
 #[derive(Default)]
 struct FlatRun {
-    /// The last part that was passed on, or that a vertex stands for.
+    /// The last part that was passed on, and the last one that was not.
     passed: Option<NearFeature>,
-    /// Those that are passed on unless the run ends where the edge does.
-    held: ArrayVec<NearFeature, MAX_HELD>,
-    /// Whether it began where the edge does, and nothing was passed on since.
-    is_whole: bool,
-    /// The last part, if it was not passed on, and whether it is the only one so far.
-    waiting: Option<(EdgePart, bool)>,
+    waiting: Option<NearFeature>,
     normal: DVec3,
 }
 
 impl FlatRun {
     /// Adds a part of the edge over a face with a normal. Passes on the first and the last one of each run,
-    /// and those that are up to a step (m) apart. For ends of the edge, its vertices stand, and for short
-    /// edges as a whole.
-    fn add(&mut self, part: EdgePart, normal: DVec3, step: f64, to: &mut impl FnMut(&NearFeature)) {
-        let near = part.near;
+    /// and those that are up to a step (m) apart.
+    fn add(&mut self, near: NearFeature, normal: DVec3, step: f64, to: &mut impl FnMut(&NearFeature)) {
         let gap = |from: &NearFeature| from.point.distance(near.point);
-        let last = self.waiting.map(|(last, _)| last.near).or(self.passed);
+        let last = self.waiting.or(self.passed);
         let goes_on = self.normal.dot(normal) > FLAT
             && last.is_some_and(|last| gap(&last) <= 2.0 * (near.leash + last.leash));
-        if !goes_on {
-            self.end(to);
-            (self.normal, self.is_whole) = (normal, part.is_end);
-            self.passed = part.is_end.then_some(near);
-        }
-        if part.is_end || (goes_on && self.passed.is_some_and(|passed| gap(&passed) < step)) {
-            self.waiting = Some((part, !goes_on));
+        if goes_on && self.passed.is_some_and(|passed| gap(&passed) < step) {
+            self.waiting = Some(near);
             return;
         }
-        self.waiting = None;
-        self.passed = Some(near);
-        let near = NearFeature { leash: near.leash.max(step), ..near };
-        if !self.is_whole || self.held.try_push(near).is_err() {
-            self.is_whole = false;
-            self.held.drain(..).for_each(|held| to(&held));
-            to(&near);
+        if !goes_on {
+            self.end(to);
+        }
+        self.pass(near, step, to);
+        (self.waiting, self.normal) = (None, normal);
+    }
+
+    /// Passes on the last part of a run.
+    fn end(&mut self, to: &mut impl FnMut(&NearFeature)) {
+        if let Some(last) = self.waiting.take() {
+            self.pass(last, 0.0, to);
         }
     }
 
-    /// Passes on what is left of a run, unless vertices stand for it.
-    fn end(&mut self, to: &mut impl FnMut(&NearFeature)) {
-        let last = self.waiting.take();
-        let is_at_end = last.is_some_and(|(last, is_only)| last.is_end && !is_only);
-        if !is_at_end {
-            self.held.drain(..).for_each(|held| to(&held));
-            if let Some((last, _)) = last {
-                self.passed = Some(last.near);
-                to(&last.near);
-            }
-        }
-        self.held.clear();
+    /// Passes on a part, whose point may move along the edge by a length (m).
+    fn pass(&mut self, near: NearFeature, length: f64, to: &mut impl FnMut(&NearFeature)) {
+        self.passed = Some(near);
+        to(&NearFeature { leash: near.leash.max(length), ..near });
     }
 }
 

@@ -12,7 +12,7 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::{MAX_UNILATERAL, MotionBound, UnilateralContact};
 
-use super::{ContactGeometry, Frames, NearObject, StepContacts};
+use super::{ContactGeometry, Frames, NearObject, SAME_PLACE, StepContacts};
 use crate::contact::guarded_point::{GuardedPoint, Measured};
 
 /// Number of times that a step is taken at most: the last time, with all contacts at a distance if it met one
@@ -233,7 +233,7 @@ impl ContactGeometry {
     /// Adds contacts for what overlaps at the end of a step in which no point of the body moves by more than
     /// `moved` (m). Returns whether there is any.
     fn add_ahead(&self, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
-        let margin = self.margin;
+        let (margin, same_place) = (self.margin, SAME_PLACE * self.bound.radius);
         let StepContacts { contacts, near, left, .. } = found;
         let known = contacts.len();
         let mut last: Option<(u8, Frames<'_>)> = None;
@@ -262,8 +262,11 @@ impl ContactGeometry {
             let start = UnilateralContact { gap, ..end };
             let met = self.met(&start, step, moved, left);
             let contact = met.and_then(|met| met.contact).unwrap_or(end);
+            let is_here = |known: &UnilateralContact| {
+                known.key == key || known.arm.distance_squared(contact.arm) < same_place * same_place
+            };
             let is_same = |known: &UnilateralContact| {
-                known.key == key && known.normal.dot(contact.normal) > AHEAD_NORMAL
+                known.normal.dot(contact.normal) > AHEAD_NORMAL && is_here(known)
             };
             // What overlaps though the step leads away from it has come in from elsewhere.
             let was_there = contact.gap < gap.min(0.0) - margin;
