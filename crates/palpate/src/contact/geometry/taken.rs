@@ -253,7 +253,7 @@ impl ContactGeometry {
                 _ => self.frames_at(object, step, 1.0),
             };
             last = Some((point.object, frames));
-            let later = settled(&mut point, &frames, least, 0.0, left);
+            let later = settled(&mut point, &frames, least, margin, left);
             // A step brings nothing nearer by more than the motion in it.
             if !(least..CLEAR * later.held * margin).contains(&later.distance) {
                 continue;
