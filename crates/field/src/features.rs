@@ -11,7 +11,7 @@ mod tree;
 use std::collections::HashMap;
 use std::ops::Range;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use palpate_core::TriMesh;
 
 pub use self::tree::{FeatureTree, Node};
@@ -126,7 +126,7 @@ impl From<Place> for MeshFeature {
 #[derive(Clone, Copy, Debug)]
 pub struct Leash {
     /// Centre, in the mesh's frame, m.
-    pub home: Vec3,
+    pub home: DVec3,
     /// Largest distance from there, m.
     pub length: f32,
 }
@@ -640,14 +640,14 @@ impl FeatureMesh {
             }
         }
         best.1.filter(|place| {
-            self.position(place).distance_squared(leash.home.as_dvec3()) <= f64::from(leash.length).powi(2)
+            self.position(place).distance_squared(leash.home) <= f64::from(leash.length).powi(2)
         })
     }
 
     /// A fraction of an edge, moved to where the edge is within a leash.
     fn leashed(&self, edge: u32, at: f64, leash: &Leash) -> f64 {
         let [from, to] = self.ends(edge);
-        let (along, off) = (to - from, from - leash.home.as_dvec3());
+        let (along, off) = (to - from, from - leash.home);
         if (off + along * at).length_squared() <= f64::from(leash.length).powi(2) {
             return at;
         }

@@ -7,7 +7,10 @@ use std::f64::consts::TAU;
 use palpate::device::{Emulation, IntendedPath};
 use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{ContactSearch, ContactSettings, DetailSettings, Response, SearchSettings};
-use palpate::{ContactTiming, Events, HapticRenderer, Object, Pose, Record, Scene, Settings, TriMesh, Twist};
+use palpate::{
+    ContactTiming, Events, HandlePlacement, HapticRenderer, Object, Pose, Record, Scene, Settings, TriMesh,
+    Twist,
+};
 
 /// Largest overlap, m.
 const OVERLAP: f64 = 2e-5;
@@ -18,10 +21,15 @@ fn object(vertices: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Object {
 
 /// A box with these edges about the origin, m.
 fn block(edges: DVec3) -> Object {
+    block_at(edges, DVec3::ZERO)
+}
+
+/// The same about a point (m).
+fn block_at(edges: DVec3, middle: DVec3) -> Object {
     let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
     let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    object((0..8).map(|i| corner(i) * edges).collect(), triangles)
+    object((0..8).map(|i| middle + corner(i) * edges).collect(), triangles)
 }
 
 /// Two pyramids of `sides` sides with a radius and heights (m) above and below the plane z = 0.
@@ -223,7 +231,7 @@ fn a_body_leaves_a_floor_as_fast_as_the_hand() {
     };
     let (free, left) = (lag(&[]), lag(&[(slab, DVec3::Z * -0.01)]));
     println!("{free:.4} m in free air, {left:.4} m behind from a floor");
-    assert!(left < free + 2e-3, "{left} m behind, {free} m in free air");
+    assert!(left < free + 3e-3, "{left} m behind, {free} m in free air");
 }
 
 /// What only penalty contacts use changes nothing in free air.
@@ -288,6 +296,42 @@ fn both_walls_of_a_slot_hold_a_pin() {
     }
 }
 
+/// A cube goes into a slot of exactly its width from beside it, along it, and out again.
+#[test]
+fn a_cube_enters_a_slot_of_its_width() {
+    let (half, height) = (0.01, 0.03);
+    let (cube, scene) = (block(DVec3::splat(2.0 * half)), [(slot(half, height, 0.05), DVec3::ZERO)]);
+    let hand = |time: f64| {
+        let down = 0.025 * (time / 0.8).min(1.0) - 0.02 * ((time - 1.6) / 0.4).clamp(0.0, 1.0);
+        let along = 0.02 * ((time - 1.0) / 0.5).clamp(0.0, 1.0);
+        DVec3::new(5e-4, along - 0.01, 0.042 - down)
+    };
+    // Corners of the cube in the slot's walls and floor, and the slot's edges in the cube.
+    let depth = |pose: &Pose| {
+        let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
+        let in_wall = |at: DVec3| (at.x.abs() - half).min(height - at.z).max(-at.z);
+        let corners = (0..8).map(|i| in_wall(pose.transform_point(corner(i) * 2.0 * half)));
+        let back = pose.inverse();
+        let in_cube = |at: DVec3| half - back.transform_point(at).abs().max_element();
+        let edges = (-500..=500)
+            .flat_map(|i| [-half, half].map(|x| in_cube(DVec3::new(x, 1e-4 * f64::from(i), height))));
+        corners.chain(edges).fold(0.0, f64::max)
+    };
+    for rate in [500.0, 50.0] {
+        let [held, pressed] = [Response::Constraints, Response::Penalty].map(|response| {
+            let (records, _) = session(&cube, &scene, hand, response, (rate, 2.2));
+            let lowest = records.iter().map(|r| r.object.translation.z).fold(f64::INFINITY, f64::min);
+            assert!(
+                response == Response::Penalty || lowest < height,
+                "{rate} Hz: it stays out, at {lowest} m"
+            );
+            records.iter().map(|record| depth(&record.object)).fold(0.0, f64::max)
+        });
+        println!("{rate} Hz: {held:.1e} m deep, {pressed:.1e} m with penalties");
+        assert!(held < OVERLAP && pressed > OVERLAP, "{rate} Hz: {held} m, {pressed} m with penalties");
+    }
+}
+
 /// Far from all surfaces nothing waits, whatever the size of the probe and the rate of contacts: the hand
 /// feels the same inertia as with contacts in each step.
 #[test]
@@ -349,5 +393,37 @@ fn the_first_contacts_are_waited_for() {
         let lowest = records.iter().map(|r| r.object.translation.z).fold(f64::INFINITY, f64::min);
         println!("{response:?}: {lowest:.6} m");
         assert_eq!(lowest > 0.005 - OVERLAP, response == Response::Constraints, "{response:?}: {lowest} m");
+    }
+}
+
+/// Meshes are held as well where their own origins are far away, as those of surveys and of cities are.
+#[test]
+fn meshes_far_from_their_origins_are_held() {
+    let depth = |offset: DVec3| {
+        let tip = |i: u32| DQuat::from_rotation_z(TAU * f64::from(i) / 8.0) * DVec3::X * 0.01;
+        let rim = (0..8).map(tip);
+        let vertices = [DVec3::NEG_Z * 0.01, DVec3::Z * 0.01].into_iter().chain(rim).map(|at| at + offset);
+        let at = |i: u32| 2 + i % 8;
+        let triangles = (0..8).flat_map(|i| [[0, at(i + 1), at(i)], [1, at(i), at(i + 1)]]).collect();
+        let probe = object(vertices.collect(), triangles);
+        let settings = settings(Response::Constraints);
+        let placement = HandlePlacement::new(&settings, &probe, &Emulation::default().specification);
+        let hand = move |time: f64| {
+            let at = DVec3::new(0.02 * time, 0.0, 0.015 - 0.02 * (time / 0.5).min(1.0));
+            placement.device_pose(&Pose::from_translation(at - offset)).translation
+        };
+        let slab = (block_at(DVec3::new(0.5, 0.5, 0.02), offset), DVec3::Z * -0.01 - offset);
+        let (records, _) = session_with(&probe, &[slab], hand, settings, (100.0, 1.5));
+        assert!(
+            records.iter().any(|record| record.contact.force.length() > 0.5),
+            "{offset}: nothing is felt"
+        );
+        let height = |record: &Record| record.object.transform_point(offset + DVec3::NEG_Z * 0.01).z;
+        records.iter().map(height).fold(0.0, |deepest: f64, height| deepest.max(-height))
+    };
+    for far in [0.0, 360.0, 4e3] {
+        let depth = depth(DVec3::new(far, -far, 0.5 * far));
+        println!("{far} m: {depth:.2e} m deep");
+        assert!(depth < OVERLAP, "{far} m from its origin, {depth} m deep");
     }
 }

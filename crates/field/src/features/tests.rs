@@ -263,7 +263,7 @@ fn descend(features: &FeatureMesh, mut place: Place, up: DVec3, leash: &Leash) -
     (place, tries)
 }
 
-const FREE: Leash = Leash { home: Vec3::ZERO, length: 1e3 };
+const FREE: Leash = Leash { home: DVec3::ZERO, length: 1e3 };
 
 #[test]
 fn descents_over_convex_bodies_end_at_the_lowest_vertex() {
@@ -332,7 +332,7 @@ fn descents_stay_on_their_leash() {
             let from = features.place_near(home);
             // A place may start outside of a short leash, and is not moved further out then.
             let length = (radius * 10_f64.powf(rng.random_range(-3.0..0.0))) as f32;
-            let leash = Leash { home: home.as_vec3(), length };
+            let leash = Leash { home, length };
             let most = f64::from(length).max(features.position(&from).distance(home)) + 1e-6 * radius;
             let (place, _) = descend(&features, from, up, &leash);
             let away = features.position(&place).distance(home);

@@ -203,7 +203,8 @@ impl ContactGeometry {
                 }
                 let gap = measured.distance - measured.held * *margin;
                 // A point that has further to go is measured again in the next step.
-                let known = gap.min(if measured.is_settled { clear } else { reach }).min(measured.nearest);
+                let known = gap.min(if measured.is_settled { clear } else { reach });
+                let known = if gap.is_finite() { known.min(measured.nearest) } else { known };
                 (*slack, guarded.slack) = (known as f32, known as f32);
                 if gap > reach {
                     found.room = found.room.min(known - ahead);
@@ -514,16 +515,21 @@ mod tests {
         Arc::new(FeatureMesh::new(&mesh.expect("a tetrahedron")))
     }
 
-    /// A geometry with points of three objects in turn, at heights (m).
+    /// A geometry with points of three objects in turn, at heights (m), which also are their speeds.
     fn geometry(heights: [f64; 3], count: usize) -> ContactGeometry {
+        geometry_at(heights.map(|height| (DVec3::Z * height, height)), count)
+    }
+
+    /// The same of objects at places (m), with speeds (m/s).
+    fn geometry_at(objects: [(DVec3, f64); 3], count: usize) -> ContactGeometry {
         let surface = tetrahedron();
-        let object = |height: f64| NearObject {
+        let object = |(at, speed)| NearObject {
             place: 0,
             surface: Arc::clone(&surface),
-            pose: Pose::from_translation(DVec3::Z * height),
+            pose: Pose::from_translation(at),
             before: Pose::IDENTITY,
             motion: MovingBody::STILL,
-            speed: height,
+            speed,
             moved: 0.0,
             felt_elsewhere: false,
             pushable: None,
@@ -533,7 +539,7 @@ mod tests {
         let mut made = ContactGeometry {
             probe: Arc::clone(&surface),
             center_of_mass: DVec3::splat(0.25),
-            objects: heights.into_iter().map(object).collect(),
+            objects: objects.into_iter().map(object).collect(),
             points: ArrayVec::new(),
             bound: MotionBound::NONE,
             friction: Friction::NONE,
@@ -585,6 +591,32 @@ mod tests {
             let most = 0.01 * heights.into_iter().fold(0.0, f64::max);
             assert!((copy.bound.room - (1.0 - most)).abs() < 1e-12, "{}", copy.bound.room);
         }
+    }
+
+    /// Points that are deep inside another body at the start of a step cost it a measurement, and not one for
+    /// each pose along it; those at the surface are measured along it, a bounded number of times.
+    #[test]
+    fn deep_overlaps_are_not_followed_along_a_step() {
+        let left = |depth: f64| {
+            // The probe's corner at x = 1 is inside, between two faces and the slanted one.
+            let mut made = geometry_at([(DVec3::new(3.0 * depth, -depth, -depth), 0.0); 3], 30);
+            made.margin = 1e-3;
+            let mut slacks = Slacks::default();
+            made.clone().assign(&made, &mut slacks);
+            let (mut found, state) =
+                (StepContacts::default(), BodyState::at_rest(Pose::from_translation(made.center_of_mass)));
+            let motion = StepMotion { moved: 1.0, reach: 0.1, dt: 1e-3 };
+            made.contacts(&mut slacks, &state, &motion, &StepContacts::default(), &mut found);
+            assert!((found.depth - depth).abs() < 0.5 * depth && found.near.len() == 30, "{found:?}");
+            let poses = [made.center_of_mass, made.center_of_mass + 0.02 * DVec3::Y];
+            let step = taken::Taken { poses: poses.map(Pose::from_translation), dt: 1e-3 };
+            let taken = (0..20).take_while(|_| made.revise(&step, &mut found)).count();
+            assert!(taken < 8, "taken {taken} times");
+            found.left
+        };
+        assert_eq!(left(0.05), taken::MAX_MEASURED);
+        let near = left(0.002);
+        assert!(near < taken::MAX_MEASURED - 20 && near > 0, "{near} measurements are left");
     }
 
     /// A place that several points come to is one contact with each object, and not one of all.

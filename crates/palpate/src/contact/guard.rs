@@ -23,8 +23,8 @@ use super::near_features::NearFeature;
 /// With less, points that are soon needed are missing; with more, there are more points.
 const NEAR: f32 = 4.0;
 
-/// Number of cells of tips along the edge of another. With fewer, tips beside each other are one; with more,
-/// there are more points.
+/// Number of cells of tips along the edge of another, and along their distance if that is longer. With fewer,
+/// tips beside each other are one; with more, there are more points.
 const TIPS: f32 = 8.0;
 
 /// Largest growth: cells as large as the first, second or third power of the distance. With less, cells are
@@ -80,7 +80,7 @@ pub(super) struct Start {
     least: f32,
     /// Hint for a search of the other surface from there.
     hint: u32,
-    /// Place on the body in the hand, in its axes, m.
+    /// Place from the body's centre of mass, in its axes, m.
     at: Vec3,
 }
 
@@ -173,8 +173,8 @@ fn room_at(coarseness: u32, limits: &Limits) -> f64 {
 }
 
 impl Start {
-    /// A start at a feature near the object at a place in the scene, at a position in the probe's axes (m),
-    /// with a direction there: the normal out of the feature, or that of an edge.
+    /// A start at a feature near the object at a place in the scene, at a position from the probe's centre
+    /// of mass in its axes (m), with a direction there: the normal out of the feature, or that of an edge.
     pub fn new(near: &NearFeature, place_of_object: usize, (at, direction): (DVec3, DVec3)) -> Self {
         let axis = direction.abs().max_position();
         let side = 2 * axis as u8 + u8::from(direction[axis] < 0.0);
@@ -220,14 +220,17 @@ impl Start {
             // It stands for more than a cell.
             return self.feature();
         }
-        // Of tips, only those that are very near each other are one.
-        let tips = ((self.distance / edge).max(1.0) as u32).ilog2().min(15);
-        let scale = if self.is_tip { TIPS / (edge * (1 << tips) as f32) } else { 1.0 / (edge * (1 << size) as f32) };
+        // Of tips, only those that are very near each other for their distance are one.
+        let (parts, size) = if self.is_tip {
+            (TIPS, ((self.distance / edge).max(1.0) as u32).ilog2().min(15))
+        } else {
+            (1.0, size)
+        };
+        let scale = parts / (edge * (1 << size) as f32);
         let [x, y, z] = (self.at * scale).floor().to_array().map(|at| (at as i32 & 0xFFF) as u64);
         let is_on_edge = matches!(self.on, Place::Edge(..));
         let kind = u64::from(self.is_probe) | u64::from(is_on_edge) << 1 | u64::from(self.is_tip) << 2;
-        let size = u64::from(if self.is_tip { tips } else { size });
-        let others = [(u64::from(self.side), 3), (size, 4), (kind, 3), (u64::from(self.object.1), 16)];
+        let others = [(u64::from(self.side), 3), (size.into(), 4), (kind, 3), (u64::from(self.object.1), 16)];
         others.iter().fold(x << 24 | y << 12 | z, |key, (part, bits)| key << bits | part)
     }
 }
@@ -272,7 +275,7 @@ impl Guard {
     /// left out first. Returns the distance of the nearest point for which there is no room, m, and the number
     /// of these within the body's reach.
     pub fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, limits: &Limits) -> (f64, usize) {
-        let mut left_out = self.limit_to(room_at(self.coarseness, limits));
+        let mut left_out = f64::INFINITY;
         // Bodies move little between queries: about as many cells as then come out as the same point. Cells
         // are made finer again where their points should fit.
         let same = self.points.len() as f64 / self.cells.len().max(1) as f64;
@@ -288,7 +291,12 @@ impl Guard {
         loop {
             let cells = Cells::new(limits.edge, self.coarseness);
             let is_last = self.coarseness == MAX_COARSENESS;
-            self.choose(&cells, if is_last { usize::MAX } else { MAX_CELLS });
+            let most = if is_last { usize::MAX } else { MAX_CELLS };
+            self.choose(&cells, most);
+            if self.are_too_many(limits.near) {
+                left_out = left_out.min(self.limit_to(room_at(self.coarseness, limits)));
+                self.choose(&cells, most);
+            }
             if is_last || !self.are_too_many(limits.near) {
                 self.make(geometry, mesh, limits, &cells);
                 let near = self.points.iter().filter(|point| f64::from(point.slack) < limits.near).count();
@@ -299,7 +307,6 @@ impl Guard {
                 }
             }
             self.coarseness += 1;
-            left_out = left_out.min(self.limit_to(room_at(self.coarseness, limits)));
         }
         geometry.guard(&self.points);
         let nearest = self.points.get(MAX_POINTS).map_or(f64::INFINITY, |point| point.slack.into());

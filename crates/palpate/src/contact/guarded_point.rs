@@ -159,7 +159,7 @@ impl GuardedPoint {
         let Sides { own, other, to_other, .. } = frames.sides(is_probe);
         let home = own.position(&place);
         let face = other.face_near(to_other.transform_point3(home), hint);
-        let leash = Leash { home: home.as_vec3(), length: length as f32 };
+        let leash = Leash { home, length: length as f32 };
         let mut point = Self {
             place,
             leash,

@@ -88,12 +88,9 @@ impl ContactLoop {
         let ahead = INTERVALS * interval;
         let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
         // A body that waits is slow, and goes on with the hand.
-        let least = tolerance + speed * ahead;
-        let pulled = |acceleration: f64| {
-            (0.5 * acceleration * ahead * ahead).min(pull.stretch + pull.speed * ahead)
-        };
         let acceleration = if pull.waited { WAITED_ACCELERATION } else { ACCELERATION };
-        let reach = (least + pulled(acceleration)).max(MIN_REACH * tolerance);
+        let pulled = (0.5 * acceleration * ahead * ahead).min(pull.stretch + pull.speed * ahead);
+        let reach = (tolerance + speed * ahead + pulled).max(MIN_REACH * tolerance);
         let radius = self.probe.bounding_radius();
         let edge = CELL * radius;
         let enough = {
@@ -118,7 +115,7 @@ impl ContactLoop {
         let room = self.start(&mut guard, &mut geometry, &mesh, &reaches);
         let room = room.min(guard.limit(MAX_STARTS).max(MIN_ROOM * tolerance));
         let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
-        let limits = Limits { edge, near, room: least + pulled(ACCELERATION) };
+        let limits = Limits { edge, near, room: reach };
         let (nearest, dropped) = guard.fill(&mut geometry, &mesh, &limits);
         // Points for which there is no room are further away than all others.
         geometry.bound.room = room.max(0.0).min(nearest.max(MIN_ROOM * tolerance));
@@ -157,13 +154,13 @@ impl ContactLoop {
             let first = guard.starts.len();
             let known = pairs.of(object.place, &object.surface);
             let clear = known.find((probe, mesh), (scene, &object.pose), ball, reaches, |near| {
-                let start = if near.is_probe {
+                let (at, direction) = if near.is_probe {
                     (near.point, probe.direction(&near.place))
                 } else {
                     let direction = to_probe.transform_vector(scene.direction(&near.place));
                     (to_probe.transform_point(near.point), direction)
                 };
-                guard.starts.push(Start::new(near, object.place, start));
+                guard.starts.push(Start::new(near, object.place, (at - ball.0, direction)));
             });
             room = room.min(clear);
             let own = &guard.starts[first..];

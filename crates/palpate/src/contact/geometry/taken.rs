@@ -22,7 +22,7 @@ const MAX_TAKEN: u32 = 8;
 
 /// Gap from which a contact is one at a distance, in margins between surfaces. With more, bodies that pass
 /// edges that closely are held; with less, steps that end at a surface are taken more often.
-const APART: f64 = 0.1;
+const APART: f64 = 0.01;
 
 /// Motion in a step from which its end is looked at, in margins between surfaces. With more, bodies go
 /// further into edges that they pass; with less, slow steps take longer.
@@ -150,13 +150,7 @@ impl ContactGeometry {
     /// What a point meets in a step that passes its contact's plane; `None` if the surfaces always are clear
     /// of each other. Where the direction between them turns round while they are near, one may have passed
     /// the other. Without measurements `left`, what is not known to be clear may be met.
-    fn met(
-        &self,
-        contact: &UnilateralContact,
-        step: &Taken,
-        moved: f64,
-        left: &mut u32,
-    ) -> Option<Met> {
+    fn met(&self, contact: &UnilateralContact, step: &Taken, moved: f64, left: &mut u32) -> Option<Met> {
         let (mut point, object) = self.point(contact.key)?;
         let all = moved + object.speed * step.dt;
         let (mut normal, mut distance) = (contact.normal, contact.gap + self.margin);
@@ -265,9 +259,8 @@ impl ContactGeometry {
             let is_here = |known: &UnilateralContact| {
                 known.key == key || known.arm.distance_squared(contact.arm) < same_place * same_place
             };
-            let is_same = |known: &UnilateralContact| {
-                known.normal.dot(contact.normal) > AHEAD_NORMAL && is_here(known)
-            };
+            let is_same =
+                |known: &UnilateralContact| known.normal.dot(contact.normal) > AHEAD_NORMAL && is_here(known);
             // What overlaps though the step leads away from it has come in from elsewhere.
             let was_there = contact.gap < gap.min(0.0) - margin;
             if !was_there && !contacts.iter().any(is_same) {

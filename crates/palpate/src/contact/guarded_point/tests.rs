@@ -271,3 +271,36 @@ fn a_point_among_walls_overlaps_where_it_is_inside() {
     assert!(inside > 500 && outside > 500, "{inside} inside, {outside} outside");
     assert!(wrong > 50, "mere walks are wrong {wrong} times");
 }
+
+/// A rod of many rings hangs aslant over a block: a point that starts at its upper end does not get to the
+/// lower one in the moves of a query. It does not claim more than is clear.
+#[test]
+fn a_descent_that_is_cut_short_claims_no_room() {
+    let rod = |rings: u32| {
+        let at = |ring: u32, i: u32| {
+            let around = DQuat::from_rotation_x(std::f64::consts::FRAC_PI_4 * f64::from(i % 8)) * DVec3::Y;
+            // Slightly bent, so that each ring is one of vertices to stop at.
+            let along = f64::from(ring) / f64::from(rings);
+            DVec3::new(0.1 * along, 0.0, -2e-3 * (along + 0.5 * (along - along * along))) + around * 0.002
+        };
+        let vertices = (0..=rings).flat_map(|ring| (0..8).map(move |i| at(ring, i))).collect();
+        let index = |ring: u32, i: u32| 8 * ring + i % 8;
+        let sides = (0..rings).flat_map(|ring| (0..8).map(move |i| (ring, i))).flat_map(|(ring, i)| {
+            let [a, b] = [index(ring, i), index(ring, i + 1)];
+            [[a, b, b + 8], [a, b + 8, a + 8]]
+        });
+        let last = 8 * rings;
+        let ends = (1..7).flat_map(|i| [[0, i + 1, i], [last, last + i, last + i + 1]]);
+        FeatureMesh::new(&TriMesh::new(vertices, sides.chain(ends).collect()).expect("a rod"))
+    };
+    let (ground, pose) = (block(DVec3::new(1.0, 1.0, 0.1)), Pose::from_translation(DVec3::NEG_Z * 0.1));
+    for (rings, is_found) in [(40, true), (600, false)] {
+        let rod = rod(rings);
+        let frames = Frames::new((&rod, &Pose::IDENTITY), (&ground, &pose));
+        let lowest = 0.05 - 2e-3 - 0.002;
+        let point = GuardedPoint::new((Place::Vertex(6), 0.2), 0, true, 0, &frames);
+        let slack = f64::from(point.slack);
+        assert!(slack < lowest + 1e-6, "{rings} rings: {slack} m of {lowest} m claimed");
+        assert_eq!(slack > lowest - 1e-4, is_found, "{rings} rings: {slack} m of {lowest} m claimed");
+    }
+}

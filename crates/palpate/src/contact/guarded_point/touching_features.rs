@@ -103,28 +103,40 @@ impl GuardedPoint {
         }
     }
 
-    /// The measurement of a point on an edge that comes nearer beyond the leash, where others are. If the
-    /// edge goes on beyond what it is over, it is across the edge, which may slide along itself.
+    /// The measurement of a point on an edge that comes nearer beyond the leash, where others are, or nearby,
+    /// where it has not come yet. It is across the edge, which may slide along itself, and across the other
+    /// surface's edge if that is nearest; over a face, only if the edge goes on beyond that.
     fn across(&self, frames: &Frames<'_>, sides: &Sides<'_>, descent: &Descent) -> Measured {
         let measured = self.measured(frames, descent);
         let Place::Edge(edge, _) = self.place else { return measured };
         let Descent { position, closest, .. } = *descent;
         let outward = -sides.to_own.transform_vector3(closest.normal);
         let [from, to] = sides.own.ends(edge);
-        let slope = outward.dot((to - from).normalize_or_zero());
-        let (lower, slope) = if slope > 0.0 { (to, slope) } else { (from, -slope) };
-        if slope > ALONG_EDGE {
+        let direction = (to - from).normalize_or_zero();
+        let slope = outward.dot(direction);
+        if slope.abs() > ALONG_EDGE {
             return Measured { distance: f64::INFINITY, is_settled: false, ..measured };
         }
-        let end = sides.other.walk(sides.to_other.transform_point3(lower), closest.face);
-        let is_beyond = end.normal.dot(closest.normal) < 1.0 - LEVEL;
-        if !is_beyond || sides.other.to_sharp_edge(closest.face, closest.point, LEVEL) == f64::INFINITY {
-            return measured;
-        }
-        let cosine = (1.0 - slope * slope).sqrt();
-        let along = (lower - position).normalize_or_zero();
-        let normal = (outward - along * slope) / cosine;
-        let distance = closest.distance / cosine;
+        let level = (outward - direction * slope) / (1.0 - slope * slope).sqrt();
+        let (normal, distance) = match closest.feature {
+            MeshFeature::Face(_) => {
+                let lower = if slope > 0.0 { to } else { from };
+                let end = sides.other.walk(sides.to_other.transform_point3(lower), closest.face);
+                if end.normal.dot(closest.normal) >= 1.0 - LEVEL {
+                    return measured;
+                }
+                (level, closest.distance / level.dot(outward))
+            }
+            MeshFeature::Edge(other) => {
+                let [from, to] = sides.other.ends(other);
+                let both = direction.cross(sides.to_own.transform_vector3(to - from)).normalize_or_zero();
+                let along = both.dot(outward);
+                // Edges that lie along each other have many.
+                let normal = if along.abs() > ALONG_EDGE { both * along.signum() } else { level };
+                (normal, closest.distance * normal.dot(outward))
+            }
+            MeshFeature::Vertex(_) => (level, closest.distance * level.dot(outward)),
+        };
         let pair = Pair { own: position, other: position + normal * distance, normal, distance };
         self.at_pair(frames, descent, &pair)
     }
@@ -198,6 +210,10 @@ impl GuardedPoint {
             let at = to_own.transform_point3(there.point);
             let here = nearest_here(sides, at, own.face_at(feature), there.distance);
             feature = here.feature;
+            if (there.distance < 0.0) != (here.distance < 0.0) {
+                // Through a body, the nearest point may be on its far side.
+                return None;
+            }
             let inward = -to_other.transform_vector3(here.normal);
             if other.rise(there.feature, inward) <= LEVEL {
                 let ClosestPoint { point, normal, distance, .. } = here;
