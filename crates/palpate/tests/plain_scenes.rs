@@ -304,7 +304,7 @@ fn a_cube_enters_a_slot_of_its_width() {
     let hand = |time: f64| {
         let down = 0.025 * (time / 0.8).min(1.0) - 0.02 * ((time - 1.6) / 0.4).clamp(0.0, 1.0);
         let along = 0.02 * ((time - 1.0) / 0.5).clamp(0.0, 1.0);
-        DVec3::new(5e-4, along - 0.01, 0.042 - down)
+        DVec3::new(5e-4 * (1.0 - time / 0.8).max(0.0), along - 0.01, 0.042 - down)
     };
     // Corners of the cube in the slot's walls and floor, and the slot's edges in the cube.
     let depth = |pose: &Pose| {

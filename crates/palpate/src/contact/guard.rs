@@ -272,8 +272,8 @@ impl Guard {
 
     /// Makes the points of the starts: one for each cell. Where surfaces lie along each other, cells are made
     /// coarser until there is room. The coarser they are, the more they hide: what the body need not reach is
-    /// left out first. Returns the distance of the nearest point for which there is no room, m, and the number
-    /// of these within the body's reach.
+    /// left out first. Returns the distance of the nearest point for which there is no room, m, and the
+    /// number of these within the body's reach.
     pub fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, limits: &Limits) -> (f64, usize) {
         let mut left_out = f64::INFINITY;
         // Bodies move little between queries: about as many cells as then come out as the same point. Cells

@@ -41,10 +41,6 @@ const SHORTEST: f64 = LONGEST / 64.0;
 /// more, steps may take longer.
 const MAX_POSES: u32 = 32;
 
-/// Number of measurements of points in all the times that a step is taken. With fewer, bodies that meet many
-/// surfaces at once are held at edges; with more, steps may take longer.
-pub(super) const MAX_MEASURED: u32 = 1024;
-
 /// Number of times that a point is measured again until it has no further to go. With fewer, points that move
 /// fast over a surface are not where it is nearest.
 const MAX_SETTLING: u32 = 8;
@@ -324,5 +320,40 @@ impl StepContacts {
         aside.extend(contacts.iter().filter(|it| is_apart(it)).copied());
         contacts.retain(|contact| !is_apart(contact));
         true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_dynamics::BodyState;
+
+    use super::super::tests::geometry_at;
+    use super::super::{MAX_MEASURED, Slacks, StepMotion};
+    use super::*;
+
+    /// Points that are deep inside another body at the start of a step cost it a measurement, and not one for
+    /// each pose along it; those at the surface are measured along it, a bounded number of times.
+    #[test]
+    fn deep_overlaps_are_not_followed_along_a_step() {
+        let left = |depth: f64| {
+            // The probe's corner at x = 1 is inside, between two faces and the slanted one.
+            let mut made = geometry_at([(DVec3::new(3.0 * depth, -depth, -depth), 0.0); 3], 30);
+            made.margin = 1e-3;
+            let mut slacks = Slacks::default();
+            made.clone().assign(&made, &mut slacks);
+            let (mut found, state) =
+                (StepContacts::default(), BodyState::at_rest(Pose::from_translation(made.center_of_mass)));
+            let motion = StepMotion { moved: 1.0, reach: 0.1, dt: 1e-3 };
+            made.contacts(&mut slacks, &state, &motion, &StepContacts::default(), &mut found);
+            assert!((found.depth - depth).abs() < 0.5 * depth && found.near.len() == 30, "{found:?}");
+            let poses = [made.center_of_mass, made.center_of_mass + 0.02 * DVec3::Y];
+            let step = Taken { poses: poses.map(Pose::from_translation), dt: 1e-3 };
+            let taken = (0..20).take_while(|_| made.revise(&step, &mut found)).count();
+            assert!(taken < 8, "taken {taken} times");
+            found.left
+        };
+        assert_eq!(left(0.05), MAX_MEASURED);
+        let near = left(0.002);
+        assert!(near < MAX_MEASURED - 20 && near > 0, "{near} measurements are left");
     }
 }

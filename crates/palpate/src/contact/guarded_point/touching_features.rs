@@ -51,6 +51,11 @@ const TURNS: u32 = 4;
 /// Sine of the angle between edges from which they cross. With less, the normal of both is rounding.
 const CROSSING: f64 = 1e-3;
 
+/// Distance of where the other surface ends from the point that is nearest there, in lengths of the leash and
+/// of the distance between the surfaces, up to which it ends nearby. With less, points in flat parts of a
+/// surface push sideways at the edges of another one; with more, those inside bent surfaces do.
+const NEARBY: f64 = 4.0;
+
 /// Points of both surfaces that touch, in the frame of the guarded point's own body.
 #[derive(Clone, Copy, Debug)]
 struct Pair {
@@ -83,7 +88,7 @@ impl GuardedPoint {
             // Unless it is an edge that has come to one of that face's.
             return match self.crossing(&sides, &descent) {
                 Some(pair) => self.at_pair(frames, &descent, &pair),
-                None => self.across(frames, &sides, &descent),
+                None => self.across(frames, &sides, &descent, true),
             };
         }
         if !descent.is_settled {
@@ -99,14 +104,15 @@ impl GuardedPoint {
         let facing = || if is_held { None } else { self.facing(&sides, &descent, rise / BLUNT) };
         match pair.or_else(facing) {
             Some(pair) => self.at_pair(frames, &descent, &pair),
-            None => self.across(frames, &sides, &descent),
+            None => self.across(frames, &sides, &descent, is_held),
         }
     }
 
     /// The measurement of a point on an edge that comes nearer beyond the leash, where others are, or nearby,
     /// where it has not come yet. It is across the edge, which may slide along itself, and across the other
-    /// surface's edge if that is nearest; over a face, only if the edge goes on beyond that.
-    fn across(&self, frames: &Frames<'_>, sides: &Sides<'_>, descent: &Descent) -> Measured {
+    /// surface's edge if that is nearest; over a face, only if the edge goes on beyond that. An edge inside a
+    /// bent surface is as it is: others of that are nearer.
+    fn across(&self, frames: &Frames<'_>, sides: &Sides<'_>, descent: &Descent, is_held: bool) -> Measured {
         let measured = self.measured(frames, descent);
         let Place::Edge(edge, _) = self.place else { return measured };
         let Descent { position, closest, .. } = *descent;
@@ -116,6 +122,9 @@ impl GuardedPoint {
         let slope = outward.dot(direction);
         if slope.abs() > ALONG_EDGE {
             return Measured { distance: f64::INFINITY, is_settled: false, ..measured };
+        }
+        if !is_held {
+            return measured;
         }
         let level = (outward - direction * slope) / (1.0 - slope * slope).sqrt();
         let (normal, distance) = match closest.feature {
@@ -198,7 +207,9 @@ impl GuardedPoint {
         let here = nearest_here(sides, at, own.face_at(self.place.into()), there.distance);
         let ends = other.to_sharp_edge(there.face, there.point, least);
         let ClosestPoint { point, normal, distance, face, .. } = here;
-        let is_other = ends <= own.to_sharp_edge(face, point, least);
+        // Where it ends further away than the point has to go, that does not matter here.
+        let is_near = ends <= NEARBY * (f64::from(self.leash.length) + there.distance.abs());
+        let is_other = is_near && ends <= own.to_sharp_edge(face, point, least);
         is_other.then_some(Pair { own: point, other: at, normal, distance })
     }
 
