@@ -33,11 +33,17 @@ fn block_at(edges: DVec3, middle: DVec3) -> Object {
 }
 
 /// Two pyramids of `sides` sides with a radius and heights (m) above and below the plane z = 0.
-fn spindle(sides: u32, radius: f64, (above, below): (f64, f64)) -> Object {
+fn spindle(sides: u32, radius: f64, heights: (f64, f64)) -> Object {
+    spindle_at(sides, radius, heights, DVec3::ZERO)
+}
+
+/// The same about a point (m).
+fn spindle_at(sides: u32, radius: f64, (above, below): (f64, f64), middle: DVec3) -> Object {
     let rim =
         (0..sides).map(|i| DQuat::from_rotation_z(TAU * f64::from(i) / f64::from(sides)) * DVec3::X * radius);
     let mut vertices = vec![DVec3::NEG_Z * below, DVec3::Z * above];
     vertices.extend(rim);
+    vertices.iter_mut().for_each(|vertex| *vertex += middle);
     let at = |i: u32| 2 + i % sides;
     let triangles = (0..sides).flat_map(|i| [[0, at(i + 1), at(i)], [1, at(i), at(i + 1)]]).collect();
     object(vertices, triangles)
@@ -396,12 +402,7 @@ fn the_first_contacts_are_waited_for() {
 #[test]
 fn meshes_far_from_their_origins_are_held() {
     let depth = |offset: DVec3| {
-        let tip = |i: u32| DQuat::from_rotation_z(TAU * f64::from(i) / 8.0) * DVec3::X * 0.01;
-        let rim = (0..8).map(tip);
-        let vertices = [DVec3::NEG_Z * 0.01, DVec3::Z * 0.01].into_iter().chain(rim).map(|at| at + offset);
-        let at = |i: u32| 2 + i % 8;
-        let triangles = (0..8).flat_map(|i| [[0, at(i + 1), at(i)], [1, at(i), at(i + 1)]]).collect();
-        let probe = object(vertices.collect(), triangles);
+        let probe = spindle_at(8, 0.01, (0.01, 0.01), offset);
         let settings = settings(Response::Constraints);
         let placement = HandlePlacement::new(&settings, &probe, &Emulation::default().specification);
         let hand = move |time: f64| {

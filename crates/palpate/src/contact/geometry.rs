@@ -486,7 +486,7 @@ impl StepContacts {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use palpate_core::TriMesh;
     use rand::rngs::StdRng;
     use rand::{RngExt as _, SeedableRng as _};
@@ -525,7 +525,7 @@ pub(crate) mod tests {
     }
 
     /// The same of objects at places (m), with speeds (m/s).
-    pub fn geometry_at(objects: [(DVec3, f64); 3], count: usize) -> ContactGeometry {
+    pub(super) fn geometry_at(objects: [(DVec3, f64); 3], count: usize) -> ContactGeometry {
         let surface = tetrahedron();
         let object = |(at, speed)| NearObject {
             place: 0,

@@ -294,8 +294,11 @@ impl Guard {
             let most = if is_last { usize::MAX } else { MAX_CELLS };
             self.choose(&cells, most);
             if self.are_too_many(limits.near) {
-                left_out = left_out.min(self.limit_to(room_at(self.coarseness, limits)));
-                self.choose(&cells, most);
+                let nearest = self.limit_to(room_at(self.coarseness, limits));
+                if nearest < f64::INFINITY {
+                    left_out = left_out.min(nearest);
+                    self.choose(&cells, most);
+                }
             }
             if is_last || !self.are_too_many(limits.near) {
                 self.make(geometry, mesh, limits, &cells);

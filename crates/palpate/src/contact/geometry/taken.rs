@@ -112,8 +112,8 @@ impl ContactGeometry {
     fn take_back(&self, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
         let StepContacts { aside, contacts, taken, left, .. } = found;
         let motion = step.motion();
-        // There is room for those that come back, as they were among the others, unless ends have taken it.
         let is_last = *taken + 1 >= MAX_TAKEN;
+        // There is room for those that come back, as they were among the others, unless ends have taken it.
         let mut met = |contact: &UnilateralContact| {
             // What the step stays on this side of is not met.
             let by = motion.velocity_at(contact.arm) - contact.velocity * step.dt;
