@@ -415,6 +415,29 @@ impl FeatureMesh {
         }
     }
 
+    /// A point of the surface up to a `reach` (m) away from a point on an edge or a vertex: on the way to that
+    /// vertex of the faces beside it to which it rises most along a direction; on a face, the point itself.
+    pub fn beside(&self, feature: MeshFeature, point: DVec3, direction: DVec3, reach: f64) -> DVec3 {
+        let corner = |vertex: u32| self.vertices[vertex as usize] - point;
+        let slope = |way: &DVec3| direction.dot(*way) / way.length();
+        let ways = |vertices: &mut dyn Iterator<Item = u32>| {
+            let ways = vertices.map(corner).filter(|way| *way != DVec3::ZERO);
+            ways.max_by(|a, b| slope(a).total_cmp(&slope(b)))
+        };
+        let way = match feature {
+            MeshFeature::Face(_) => None,
+            MeshFeature::Vertex(vertex) => ways(&mut self.edges_around.of(vertex).iter().map(|edge| {
+                let [from, to] = self.edges[*edge as usize];
+                if from == vertex { to } else { from }
+            })),
+            MeshFeature::Edge(edge) => {
+                let sides = self.sides[edge as usize].into_iter().filter(|face| *face != NONE);
+                ways(&mut sides.flat_map(|face| self.faces[face as usize].corners))
+            }
+        };
+        point + way.map_or(DVec3::ZERO, |way| way.clamp_length_max(reach))
+    }
+
     /// Cosine of the angle between a direction, a unit vector, and the nearest of the normals of the faces
     /// beside a feature.
     #[inline]

@@ -70,6 +70,8 @@ pub(crate) struct NearObject {
     pub moved: f64,
     /// Whether another session finds the contacts with it, so that it only bounds the body's motion here.
     pub felt_elsewhere: bool,
+    /// Whether it overlapped with the body when it first came near.
+    pub overlapped: bool,
     /// What the haptic loop needs to move it, if contacts push it.
     pub pushable: Option<Pushable>,
     /// Index among the bodies that the haptic loop moves.
@@ -123,6 +125,8 @@ pub(crate) struct StepContacts {
     /// Where their arms are along x when they are found, by which most are told apart, m; infinite in the
     /// lanes beyond the last.
     along: ArrayVec<[f64; LANES], { MAX_POINTS.div_ceil(LANES) }>,
+    /// Distances of their points from the other surfaces when they are found, m.
+    nearest: ArrayVec<f64, MAX_POINTS>,
     /// Largest motion of any point of the body in the step that meets no other point, m.
     pub room: f64,
     /// Largest depth, m; 0 if nothing overlaps.
@@ -190,6 +194,7 @@ impl ContactGeometry {
                 continue;
             }
             let frames = Frames::new((probe, &mesh), (&object.surface, &object.pose));
+            let frames = if object.overlapped { frames.overlapping(*margin) } else { frames };
             let twist = object.motion.twist;
             let own = found.contacts.len();
             for &offset in &near {
@@ -199,19 +204,34 @@ impl ContactGeometry {
                 else {
                     continue;
                 };
+                let hidden = guarded.hidden;
+                *slack += hidden;
+                let left = f64::from(*slack);
                 let mut measured = guarded.measure(&frames, *slack, *margin + reach);
+                // Until it has come to rest, no more is known than what it has been clear of.
+                if !measured.is_settled && measured.distance >= left {
+                    measured = guarded.measure_on(&frames, *slack, *margin + reach);
+                }
                 let (mut clear, turned) = guarded.look_around(&frames, measured.distance, reach);
                 if turned {
                     measured = guarded.measure(&frames, *slack, *margin + reach);
                     clear = measured.distance;
                 }
                 let gap = measured.distance - measured.held * *margin;
-                // A point that has further to go is measured again in the next step.
-                let known = gap.min(if measured.is_settled { clear } else { reach });
-                let known = if gap.is_finite() { known.min(measured.nearest) } else { known };
-                (*slack, guarded.slack) = (known as f32, known as f32);
+                // One that has further to go is measured again in the next step.
+                let known = match (measured.is_settled, gap.is_finite()) {
+                    (true, _) => gap.min(clear).min(measured.nearest),
+                    (false, true) => gap.min(measured.nearest).min(left.clamp(0.0, reach)),
+                    (false, false) => measured.nearest.clamp(0.0, reach),
+                };
+                (*slack, guarded.slack) = (known as f32 - hidden, known as f32);
+                if hidden > 0.0 {
+                    found.room = found.room.min(f64::from(*slack) - ahead);
+                }
                 if gap > reach {
-                    found.room = found.room.min(known - ahead);
+                    // Where another point is nearer, that one bounds the motion.
+                    let room = if gap.is_finite() { known } else { reach };
+                    found.room = found.room.min(room - ahead);
                     continue;
                 }
                 found.depth = found.depth.max(-measured.distance);
@@ -226,7 +246,7 @@ impl ContactGeometry {
                     pushed: object.pushed,
                     key: index as u16,
                 };
-                found.add(own, contact);
+                found.add(own, contact, measured.nearest);
                 found.near.push(index as u16);
             }
         }
@@ -267,7 +287,7 @@ impl ContactGeometry {
         let copied = points.try_extend_from_slice(&found.points);
         debug_assert!(copied.is_ok(), "both hold as many");
         slacks.values.clear();
-        slacks.values.extend(points.iter().map(|point| point.slack));
+        slacks.values.extend(points.iter().map(|point| point.slack - point.hidden));
         slacks.ends.clear();
         for index in 0..objects.len() {
             let end = points.partition_point(|point| usize::from(point.object) <= index);
@@ -277,7 +297,8 @@ impl ContactGeometry {
 
     /// The surfaces at their poses, by scene object, with the mesh of the body in the hand at a pose.
     pub fn frames(&self, mesh: &Pose) -> ArrayVec<Frames<'_>, MAX_OBJECTS> {
-        frames_of(&self.probe, &self.objects, mesh)
+        let probe = (&*self.probe, mesh);
+        self.objects.iter().map(|it| Frames::new(probe, (&it.surface, &it.pose))).collect()
     }
 
     /// Takes into account that the bodies have moved since the query: the one in the hand by `moved` (m), and
@@ -336,7 +357,7 @@ impl NearObject {
 
     fn assign(&mut self, found: &Self) {
         let Self { place, surface, pose, before, motion, speed, moved, felt_elsewhere, .. } = self;
-        let Self { pushable, pushed, on_loan, .. } = self;
+        let Self { overlapped, pushable, pushed, on_loan, .. } = self;
         if !Arc::ptr_eq(on_loan, &found.on_loan) {
             // The surface first: what is on loan is kept until then.
             surface.clone_from(&found.surface);
@@ -344,7 +365,7 @@ impl NearObject {
         }
         (*place, *pose, *before) = (found.place, found.pose, found.before);
         (*motion, *speed) = (found.motion, found.speed);
-        (*moved, *felt_elsewhere) = (found.moved, found.felt_elsewhere);
+        (*moved, *felt_elsewhere, *overlapped) = (found.moved, found.felt_elsewhere, found.overlapped);
         (*pushable, *pushed) = (found.pushable, found.pushed);
     }
 }
@@ -374,19 +395,11 @@ fn pass(gone: f32, reach: f32, slacks: &mut [f32], near: &mut ArrayVec<u16, MAX_
     least.into_iter().fold(f32::INFINITY, f32::min)
 }
 
-/// The surfaces of a probe and of objects at their poses.
-fn frames_of<'a>(
-    probe: &'a FeatureMesh,
-    objects: &'a [NearObject],
-    mesh: &Pose,
-) -> ArrayVec<Frames<'a>, MAX_OBJECTS> {
-    objects.iter().map(|object| Frames::new((probe, mesh), (&object.surface, &object.pose))).collect()
-}
-
 impl StepContacts {
     pub fn clear(&mut self) {
         self.contacts.clear();
         self.along.clear();
+        self.nearest.clear();
         self.is_known = true;
         self.room = f64::INFINITY;
         self.depth = 0.0;
@@ -400,37 +413,45 @@ impl StepContacts {
         self.is_known = false;
     }
 
-    /// Merges a contact with one that is the same, of those with its own object: from the index `own` on.
-    /// Returns whether there is one.
+    /// The index of the contact at a place with a normal, of those with the same object: from the index `own`
+    /// on.
     #[inline(always)]
-    fn merge(&mut self, own: usize, arm: DVec3, normal: DVec3, gap: f64) -> bool {
+    fn at(&self, own: usize, arm: DVec3, normal: DVec3) -> Option<usize> {
         let same_place = SAME_PLACE * self.radius;
         let is_near = |along: f64| (along - arm.x).abs() < same_place;
-        let blocks = self.along.iter().zip(self.contacts.chunks_mut(LANES)).enumerate();
+        let blocks = self.along.iter().zip(self.contacts.chunks(LANES)).enumerate();
         for (block, (along, contacts)) in blocks.skip(own / LANES) {
             // Without branches, several are compared at once.
             if !along.iter().fold(false, |any, along| any | is_near(*along)) {
                 continue;
             }
-            let others = own.saturating_sub(block * LANES);
-            let near = contacts.iter_mut().zip(along).skip(others);
-            for (known, _) in near.filter(|(_, along)| is_near(**along)) {
-                if known.arm.distance_squared(arm) < same_place * same_place
+            let first = block * LANES;
+            let is_same = |known: &UnilateralContact| {
+                known.arm.distance_squared(arm) < same_place * same_place
                     && known.normal.dot(normal) > SAME_NORMAL
-                {
-                    known.gap = known.gap.min(gap);
-                    return true;
-                }
+            };
+            let others = own.saturating_sub(first);
+            let same = contacts.iter().zip(along).skip(others).position(|(known, _)| is_same(known));
+            if let Some(index) = same {
+                return Some(first + others + index);
             }
         }
-        false
+        None
     }
 
-    /// Adds a contact if there is none that is the same, of those with its own object: from the index `own`
-    /// on.
+    /// Adds the contact of a point at a distance `nearest` (m) from the other surface, or merges it with one
+    /// that is the same, of those with its own object: from the index `own` on. The nearest of the points
+    /// that meet one place stands for them, as the others may be on leashes elsewhere.
     #[inline(always)]
-    fn add(&mut self, own: usize, contact: UnilateralContact) {
-        if !self.contacts.is_full() && !self.merge(own, contact.arm, contact.normal, contact.gap) {
+    fn add(&mut self, own: usize, contact: UnilateralContact, nearest: f64) {
+        if let Some(index) = self.at(own, contact.arm, contact.normal) {
+            let (known, least) = (&mut self.contacts[index], &mut self.nearest[index]);
+            known.gap = known.gap.min(contact.gap);
+            if nearest < *least {
+                (known.key, *least) = (contact.key, nearest);
+            }
+        } else if !self.contacts.is_full() {
+            self.nearest.push(nearest);
             self.push(contact);
         }
     }
@@ -536,6 +557,7 @@ mod tests {
             speed,
             moved: 0.0,
             felt_elsewhere: false,
+            overlapped: false,
             pushable: None,
             pushed: None,
             on_loan: Arc::default(),
@@ -613,11 +635,16 @@ mod tests {
         for count in [1, LANES - 1, LANES, LANES + 1, 3 * LANES] {
             let mut made = StepContacts { radius: 0.03, ..StepContacts::default() };
             made.clear();
-            (0..count).for_each(|i| made.push(contact(i as f64)));
-            let last = DVec3::X * (count - 1) as f64;
-            assert!(!made.merge(count, last, DVec3::NEG_Z, 0.0), "{count}: with another object's");
-            assert!(made.merge(count - 1, last, DVec3::NEG_Z, 0.0), "{count}: with its own");
-            assert_eq!(made.contacts.last().map(|contact| contact.gap), Some(0.0));
+            (0..count).for_each(|i| made.add(0, contact(i as f64), 2e-6));
+            let last = contact((count - 1) as f64);
+            for (gap, nearest, key) in [(2e-6, 1e-6, 1), (0.0, 3e-6, 2)] {
+                made.add(count - 1, UnilateralContact { gap, key, ..last }, nearest);
+            }
+            assert_eq!(made.contacts.len(), count, "{count}: with its own");
+            let merged = made.contacts[count - 1];
+            assert_eq!((merged.gap, merged.key), (0.0, 1), "{count}: the least gap, and the nearest point");
+            made.add(count, last, 0.0);
+            assert_eq!(made.contacts.len(), count + 1, "{count}: with another object's");
         }
     }
 

@@ -78,6 +78,8 @@ pub(super) struct Start {
     apart: f32,
     /// Lower bound on the distance of the features that it stands for, m.
     least: f32,
+    /// Largest distance of the tips in its cell, where they are far from the other surface, m.
+    hidden: f32,
     /// Hint for a search of the other surface from there.
     hint: u32,
     /// Place from the body's centre of mass, in its axes, m.
@@ -192,6 +194,7 @@ impl Start {
             distance,
             apart,
             least,
+            hidden: 0.0,
             hint,
             at: at.as_vec3(),
         }
@@ -351,13 +354,18 @@ impl Guard {
         }
     }
 
-    /// Lets the point of each chosen start go wherever those may that it stands for.
+    /// Lets the point of each chosen start go wherever those may that it stands for. From one tip it does not
+    /// descend to another.
     fn lengthen(&mut self, cells: &Cells) {
         for index in 0..self.starts.len() {
-            let Start { at, leash, .. } = self.starts[index];
+            let Start { at, leash, is_tip, distance, .. } = self.starts[index];
             let Some(&chosen) = self.cells.get(&self.starts[index].cell(cells)) else { continue };
             let chosen = &mut self.starts[chosen as usize];
-            chosen.leash = chosen.leash.max(chosen.at.distance(at) + leash);
+            let away = chosen.at.distance(at);
+            chosen.leash = chosen.leash.max(away + leash);
+            if is_tip && distance > cells.edge as f32 {
+                chosen.hidden = chosen.hidden.max(away);
+            }
         }
     }
 
@@ -383,9 +391,10 @@ impl Guard {
             let before = known.points.get(&feature).or_else(|| known.points.get(&key));
             let before = before.map(|known| known.resumed(object, frames));
             // It may have gone on to where a surface is no longer the nearest.
-            let point = before
+            let mut point = before
                 .filter(|point| f64::from(point.slack) < f64::from(start.distance + start.apart) + later)
                 .unwrap_or_else(|| GuardedPoint::new(within, start.hint, is_probe, object, frames));
+            point.hidden = start.hidden;
             points.push(point);
             known.next.insert(key, point);
             known.next.insert(feature, point);

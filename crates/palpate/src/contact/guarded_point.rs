@@ -2,6 +2,8 @@
 
 mod touching_features;
 
+pub(super) use touching_features::OVERLAP;
+
 use palpate_core::Pose;
 use palpate_core::glam::{DAffine3, DVec3};
 use palpate_field::{ClosestPoint, FeatureMesh, Leash, MeshFeature, Place};
@@ -9,6 +11,9 @@ use palpate_field::{ClosestPoint, FeatureMesh, Leash, MeshFeature, Place};
 /// Largest number of moves that a point tries in a measurement. With more, a step takes longer; with fewer,
 /// points follow fast motion late.
 const MAX_MOVES: u32 = 3;
+
+/// The same for a point that has not come to rest in them. With fewer, more is taken for near than is.
+const MAX_FURTHER_MOVES: u32 = 32;
 
 /// The same for a point that is new. With more, queries may take longer over fine meshes; with fewer, less is
 /// known of how far from the other surface it is.
@@ -64,6 +69,9 @@ pub(crate) struct GuardedPoint {
     pub slack: f32,
     /// Distance that the bodies may move before an overlap has to be searched for in the whole surface, m.
     trust: f32,
+    /// Largest distance of other places that it stands for and does not descend to, m: they may be nearer by
+    /// that.
+    pub hidden: f32,
     /// Distance at which the face was last known to be the nearest of the whole surface, m.
     checked: f32,
 }
@@ -104,6 +112,8 @@ pub(crate) struct Frames<'a> {
     object: (&'a FeatureMesh, DAffine3),
     to_object: DAffine3,
     to_probe: DAffine3,
+    /// Distance at which the surfaces are held apart, m, if they have overlapped from the start.
+    margin: Option<f64>,
 }
 
 /// A point's own surface and the other one, with the transforms into their frames.
@@ -125,7 +135,13 @@ impl<'a> Frames<'a> {
             object: (object.0, affine(object.1)),
             to_object: affine(&to_object),
             to_probe: affine(&to_object.inverse()),
+            margin: None,
         }
+    }
+
+    /// The surfaces of bodies that have overlapped from the start, held apart by a margin (m).
+    pub fn overlapping(self, margin: f64) -> Self {
+        Self { margin: Some(margin), ..self }
     }
 
     /// The surface of the body in the hand, or of the scene object.
@@ -137,7 +153,7 @@ impl<'a> Frames<'a> {
     /// The two sides of a point on the body in the hand, or on the scene object.
     #[inline(always)]
     fn sides(&self, is_probe: bool) -> Sides<'_> {
-        let Self { probe, object, to_object, to_probe } = self;
+        let Self { probe, object, to_object, to_probe, .. } = self;
         if is_probe {
             Sides { own: probe.0, other: object.0, to_other: to_object, to_own: to_probe }
         } else {
@@ -169,6 +185,7 @@ impl GuardedPoint {
             stride: 1.0,
             slack: 0.0,
             trust: 0.0,
+            hidden: 0.0,
             checked: 0.0,
         };
         point.settle(frames);
@@ -197,6 +214,17 @@ impl GuardedPoint {
     /// for.
     #[inline(always)]
     pub fn measure(&mut self, frames: &Frames<'_>, slack: f32, reach: f64) -> Measured {
+        self.measure_in(MAX_MOVES, frames, slack, reach)
+    }
+
+    /// Goes on with a measurement in which the point has not come to rest.
+    #[inline(never)]
+    pub fn measure_on(&mut self, frames: &Frames<'_>, slack: f32, reach: f64) -> Measured {
+        self.measure_in(MAX_FURTHER_MOVES, frames, slack, reach)
+    }
+
+    #[inline(always)]
+    fn measure_in(&mut self, moves: u32, frames: &Frames<'_>, slack: f32, reach: f64) -> Measured {
         let descent = match self.at_rest(frames) {
             Some((position, closest)) => {
                 self.trust = 0.0;
@@ -209,7 +237,7 @@ impl GuardedPoint {
             }
             None => {
                 self.trust -= self.slack - slack;
-                self.descend(frames, MAX_MOVES, slack.into())
+                self.descend(frames, moves, slack.into())
             }
         };
         if descent.closest.distance > reach {
@@ -282,7 +310,7 @@ impl GuardedPoint {
 
     /// The nearest points of both surfaces, in the frames of the probe's and of the object's mesh, m.
     pub fn ends(&self, frames: &Frames<'_>) -> [DVec3; 2] {
-        let Frames { probe, object, to_object, to_probe } = frames;
+        let Frames { probe, object, to_object, to_probe, .. } = frames;
         if self.is_probe {
             let own = probe.0.position(&self.place);
             [own, object.0.walk(to_object.transform_point3(own), self.face).point]

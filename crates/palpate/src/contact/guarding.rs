@@ -12,6 +12,7 @@ use super::ContactLoop;
 use super::assemble::counterpart;
 use super::geometry::{ContactGeometry, MAX_OBJECT_MOTION, MAX_OBJECTS, NearObject};
 use super::guard::{Guard, Limits, Start};
+use super::guarded_point::{GuardedPoint, OVERLAP};
 use super::near_features::Reaches;
 use super::pairs::{Found, Pull};
 
@@ -120,6 +121,12 @@ impl ContactLoop {
         // Points for which there is no room are further away than all others.
         geometry.bound.room = room.max(0.0).min(nearest.max(MIN_ROOM * tolerance));
         geometry.far_speed = self.far_speed(&geometry);
+        let overlap = -OVERLAP * geometry.margin;
+        let is_deep = |point: &GuardedPoint| f64::from(point.slack) < overlap;
+        for (index, object) in geometry.objects.iter_mut().enumerate() {
+            let deep = geometry.points.iter().any(|it| usize::from(it.object) == index && is_deep(it));
+            object.overlapped = self.pairs.overlapped(object.place, deep);
+        }
         self.guard = guard;
         self.telemetry.events.contact_overflow += dropped as u64;
         Some(geometry)
@@ -230,6 +237,7 @@ impl ContactLoop {
             speed: if near.is_in_hand() { 0.0 } else { near.speed() },
             moved: 0.0,
             felt_elsewhere,
+            overlapped: false,
             pushable,
             pushed: None,
             on_loan: Arc::clone(&near.on_loan),

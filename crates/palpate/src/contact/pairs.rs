@@ -47,6 +47,8 @@ pub(super) struct Pairs {
 struct Pair {
     near: NearFeatures,
     surface: Arc<FeatureMesh>,
+    /// Whether the bodies overlapped when they first came near each other, if they have.
+    overlapped: Option<bool>,
     /// Query in which the object was last near.
     used: u64,
 }
@@ -58,10 +60,22 @@ impl Pairs {
             self.pairs.resize_with(place + 1, || None);
         }
         let kept = self.pairs[place].take().filter(|pair| Arc::ptr_eq(&pair.surface, surface));
-        let made = || Pair { near: NearFeatures::default(), surface: Arc::clone(surface), used: 0 };
+        let made = || Pair {
+            near: NearFeatures::default(),
+            surface: Arc::clone(surface),
+            overlapped: None,
+            used: 0,
+        };
         let pair = self.pairs[place].insert(kept.unwrap_or_else(made));
         pair.used = self.queries;
         &mut pair.near
+    }
+
+    /// Whether the body and the object at a place overlapped when they first came near each other; they do now
+    /// if `overlap`.
+    pub fn overlapped(&mut self, place: usize, overlap: bool) -> bool {
+        let pair = self.pairs.get_mut(place).and_then(Option::as_mut);
+        pair.is_some_and(|pair| *pair.overlapped.get_or_insert(overlap))
     }
 
     /// Forgets the object at a place.

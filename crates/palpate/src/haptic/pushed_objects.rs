@@ -243,6 +243,7 @@ mod tests {
             speed: 0.0,
             moved: 0.0,
             felt_elsewhere: false,
+            overlapped: false,
             pushable: Some(pushable),
             pushed: None,
             on_loan: Arc::default(),

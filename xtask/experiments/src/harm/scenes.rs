@@ -39,6 +39,9 @@ const MODEL_AGE: f64 = 2.0;
 /// Time after which the coupling has come to rest where the probe has left surfaces, s and contact
 /// intervals.
 const SETTLING: (f64, f64) = (0.15, 6.0);
+/// Speed at which a probe that was held comes back to a place far away at least, m/s: the coupling's force is
+/// limited.
+const COMING_BACK: f64 = 0.3;
 
 /// What a probe does in a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -625,6 +628,8 @@ struct Judge<'a> {
     last: Option<(Pose, Pose)>,
     /// Time since which everything has been far away, s.
     clear: f64,
+    /// Distance from the place in an empty scene at that time, m.
+    behind: f64,
     touched: bool,
     finite: bool,
     largest: [Largest; NAMES.len()],
@@ -645,6 +650,7 @@ impl<'a> Judge<'a> {
             speeds: Vec::new(),
             last: None,
             clear: f64::NEG_INFINITY,
+            behind: 0.0,
             touched: false,
             finite: true,
             largest: [Largest::default(); NAMES.len()],
@@ -678,14 +684,15 @@ impl<'a> Judge<'a> {
         let interval = (1.0 / self.plan.rate).max(PERIOD);
         let recent = (((MODEL_AGE + 1.0) * interval / PERIOD) as usize).min(self.speeds.len());
         let fastest = self.speeds[self.speeds.len() - recent..].iter().copied().fold(0.0, f64::max);
+        let [here, there] = [record, free].map(|it| it.object.transform_point(self.center));
+        let behind = here.distance(there);
         if !self.oracle.is_beyond(fastest * (MODEL_AGE * interval + PERIOD)) {
-            self.clear = time;
+            (self.clear, self.behind) = (time, behind);
         }
-        if time - self.clear > SETTLING.0.max(SETTLING.1 * interval) {
+        if time - self.clear > SETTLING.0.max(SETTLING.1 * interval) + self.behind / COMING_BACK {
             let beyond = record.coupling.force.length() - free.coupling.force.length();
             drag.take(beyond, MAX_DRAG, time);
-            let [here, there] = [record, free].map(|it| it.object.transform_point(self.center));
-            lag.take(here.distance(there), MAX_LAG, time);
+            lag.take(behind, MAX_LAG, time);
         }
     }
 

@@ -12,7 +12,7 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::{MAX_UNILATERAL, MotionBound, UnilateralContact};
 
-use super::{ContactGeometry, Frames, NearObject, SAME_PLACE, StepContacts};
+use super::{ContactGeometry, Frames, NEAR_PLACE, NearObject, SAME_PLACE, StepContacts};
 use crate::contact::guarded_point::{GuardedPoint, Measured};
 
 /// Number of times that a step is taken at most: the last time, with all contacts at a distance if it met one
@@ -167,7 +167,7 @@ impl ContactGeometry {
             let still = point.still(&frames);
             let measured = settled(&mut there, &frames, least, MET * self.margin, left);
             let is_turned = is_beyond(&still) || is_beyond(&measured);
-            let overlaps = measured.distance < CLEAR * measured.held * self.margin;
+            let overlaps = self.overlap(&measured);
             if is_turned || overlaps || still.distance < 0.0 {
                 (next, blocked) = (0.5 * next, (overlaps && !is_turned).then_some((measured, at)));
                 continue;
@@ -223,7 +223,8 @@ impl ContactGeometry {
     /// Adds contacts for what overlaps at the end of a step in which no point of the body moves by more than
     /// `moved` (m). Returns whether there is any.
     fn add_ahead(&self, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
-        let (margin, same_place) = (self.margin, SAME_PLACE * self.bound.radius);
+        let [same_place, near_place] = [SAME_PLACE, NEAR_PLACE].map(|share| share * self.bound.radius);
+        let margin = self.margin;
         let StepContacts { contacts, near, left, .. } = found;
         let known = contacts.len();
         let mut last: Option<(u8, Frames<'_>)> = None;
@@ -245,15 +246,17 @@ impl ContactGeometry {
             last = Some((point.object, frames));
             let later = settled(&mut point, &frames, least, margin, left);
             // A step brings nothing nearer by more than the motion in it.
-            if !(least..CLEAR * later.held * margin).contains(&later.distance) {
+            if !self.overlap(&later) || later.distance < least {
                 continue;
             }
             let end = self.contact_at(key, object, step, 1.0, &later);
             let start = UnilateralContact { gap, ..end };
-            let met = self.met(&start, step, moved, left);
-            let contact = met.and_then(|met| met.contact).unwrap_or(end);
+            let met = self.met(&start, step, moved, left).and_then(|met| met.contact);
+            let Some(contact) = met.or_else(|| later.distance.is_finite().then_some(end)) else { continue };
+            // A point may have gone from one end of its edge to the other.
             let is_here = |known: &UnilateralContact| {
-                known.key == key || known.arm.distance_squared(contact.arm) < same_place * same_place
+                let within = if known.key == key { near_place } else { same_place };
+                known.arm.distance_squared(contact.arm) < within * within
             };
             let is_same =
                 |known: &UnilateralContact| known.normal.dot(contact.normal) > AHEAD_NORMAL && is_here(known);
@@ -265,6 +268,11 @@ impl ContactGeometry {
             }
         }
         contacts.len() > known
+    }
+
+    /// Whether the surfaces are not clear of each other at a point: where it is or at the features that touch.
+    fn overlap(&self, measured: &Measured) -> bool {
+        measured.distance < CLEAR * measured.held * self.margin || measured.nearest < 0.0
     }
 
     /// A point with its object.
@@ -338,7 +346,7 @@ mod tests {
         let left = |depth: f64| {
             // The probe's corner at x = 1 is inside, between two faces and the slanted one.
             let mut made = geometry_at([(DVec3::new(3.0 * depth, -depth, -depth), 0.0); 3], 30);
-            made.margin = 1e-3;
+            (made.margin, made.bound.radius) = (1e-3, 1.0);
             let mut slacks = Slacks::default();
             made.clone().assign(&made, &mut slacks);
             let (mut found, state) =

@@ -17,7 +17,7 @@
 //! flat part of its surface, unless it is the other surface that ends nearby: then that one's nearest point
 //! may not pass the plane of this one, which goes on.
 
-use palpate_core::glam::DVec3;
+use palpate_core::glam::{DAffine3, DVec3};
 use palpate_field::{ClosestPoint, FeatureMesh, MeshFeature, Place};
 
 use super::{Descent, Frames, GuardedPoint, Measured, Sides};
@@ -56,6 +56,16 @@ const CROSSING: f64 = 1e-3;
 /// surface push sideways at the edges of another one; with more, those inside bent surfaces do.
 const NEARBY: f64 = 4.0;
 
+/// Distance of a sharp feature from the other surface up to which it may be where bodies leave an overlap, and
+/// distance beside it at which its own surface is looked at, in margins. With more, other places are looked
+/// at; with less, bodies are held where they leave each other at a low angle.
+const MET: f64 = 4.0;
+const BESIDE: f64 = 512.0;
+
+/// Depth of an overlap that bodies leave, in margins: more than that to which they yield. With more, bodies
+/// are held that leave a small overlap; with less, those that have yielded are let in.
+pub(in crate::contact) const OVERLAP: f64 = 48.0;
+
 /// Points of both surfaces that touch, in the frame of the guarded point's own body.
 #[derive(Clone, Copy, Debug)]
 struct Pair {
@@ -84,6 +94,15 @@ impl GuardedPoint {
         if rise <= LEVEL {
             return self.measured(frames, &descent);
         }
+        if is_sharp(self, rise) {
+            let Descent { position, closest, .. } = descent;
+            let towards = outward(&descent);
+            let here =
+                ClosestPoint { point: position, normal: towards, feature: self.place.into(), ..closest };
+            if leaves_an_overlap(&here, (sides.own, sides.other), sides.to_other, frames.margin) {
+                return Measured { distance: f64::INFINITY, ..self.measured(frames, &descent) };
+            }
+        }
         if is_over_face(&descent) && is_sharp(self, rise) {
             // Unless it is an edge that has come to one of that face's.
             return match self.crossing(&sides, &descent) {
@@ -101,7 +120,8 @@ impl GuardedPoint {
         let is_held = is_sharp(self, rise);
         let pair = self.crossing(&sides, &descent).or_else(|| self.in_turn(&sides, &descent));
         let is_held = is_held || descent.closest.distance < 0.0;
-        let facing = || if is_held { None } else { self.facing(&sides, &descent, rise / BLUNT) };
+        let facing =
+            || if is_held { None } else { self.facing((&sides, frames.margin), &descent, rise / BLUNT) };
         match pair.or_else(facing) {
             Some(pair) => self.at_pair(frames, &descent, &pair),
             None => self.across(frames, &sides, &descent, is_held),
@@ -121,7 +141,7 @@ impl GuardedPoint {
         let direction = (to - from).normalize_or_zero();
         let slope = outward.dot(direction);
         if slope.abs() > ALONG_EDGE {
-            return Measured { distance: f64::INFINITY, is_settled: false, ..measured };
+            return Measured { distance: f64::INFINITY, ..measured };
         }
         if !is_held {
             return measured;
@@ -200,8 +220,13 @@ impl GuardedPoint {
 
     /// The other surface's nearest point with its own nearest on this surface, which is flat there, if it is
     /// the other one that ends nearby, at an edge sharper than `least`.
-    fn facing(&self, sides: &Sides<'_>, descent: &Descent, least: f64) -> Option<Pair> {
-        let Sides { own, other, to_own, .. } = *sides;
+    fn facing(
+        &self,
+        (sides, margin): (&Sides<'_>, Option<f64>),
+        descent: &Descent,
+        least: f64,
+    ) -> Option<Pair> {
+        let Sides { own, other, to_own, to_other } = *sides;
         let there = descent.closest;
         let at = to_own.transform_point3(there.point);
         let here = nearest_here(sides, at, own.face_at(self.place.into()), there.distance);
@@ -210,6 +235,11 @@ impl GuardedPoint {
         // Where it ends further away than the point has to go, that does not matter here.
         let is_near = ends <= NEARBY * (f64::from(self.leash.length) + there.distance.abs());
         let is_other = is_near && ends <= own.to_sharp_edge(face, point, least);
+        let towards = -to_other.transform_vector3(normal);
+        let end = ClosestPoint { normal: towards, distance, face, ..there };
+        if is_other && leaves_an_overlap(&end, (other, own), to_own, margin) {
+            return None;
+        }
         is_other.then_some(Pair { own: point, other: at, normal, distance })
     }
 
@@ -249,6 +279,30 @@ impl GuardedPoint {
         }
         None
     }
+}
+
+/// Whether a feature of a surface, with the direction towards another one and the nearest face of that, is
+/// where bodies that overlap pass out of each other: the surface beside it is well inside, and points there
+/// hold that.
+fn leaves_an_overlap(
+    at: &ClosestPoint,
+    (surface, other): (&FeatureMesh, &FeatureMesh),
+    to_other: &DAffine3,
+    margin: Option<f64>,
+) -> bool {
+    let Some(margin) = margin.filter(|margin| at.distance <= MET * margin) else { return false };
+    // A walk may end on the far side of a wall.
+    let distance = |at: DVec3, hint: u32| {
+        let at = to_other.transform_point3(at);
+        let walked = other.walk(at, hint);
+        other.nearer(at, walked.distance.abs()).unwrap_or(walked).distance
+    };
+    let depth = OVERLAP * margin;
+    if at.distance < -depth {
+        return distance(at.point, at.face) < -depth;
+    }
+    let beside = surface.beside(at.feature, at.point, at.normal, BESIDE * margin);
+    distance(beside, at.face) < at.distance.min(-depth)
 }
 
 /// The point of the guarded point's own surface that is nearest to a point of the other one (its frame, m),
