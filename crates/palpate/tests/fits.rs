@@ -129,9 +129,9 @@ fn a_shaft_that_starts_in_a_press_fit_is_free_along_its_hole() {
 #[test]
 fn a_ball_between_plates_that_overlap_it_is_free_along_them() {
     let (ball, plate) = (ball(0.005), block(DVec3::new(0.04, 0.04, 0.02)));
-    let hand = |time: f64| (DVec3::X * 0.05 * (time - 0.2).clamp(0.0, 0.6), DQuat::IDENTITY);
+    let hand = |time: f64| (DVec3::X * 0.03 * (time - 0.2).clamp(0.0, 1.0), DQuat::IDENTITY);
     let plates = [1.0, -1.0].map(|side| (&plate, DVec3::Z * (0.0145 * side)));
-    let (records, energy) = session(&ball, &plates, hand, (500.0, 1.0));
+    let (records, energy) = session(&ball, &plates, hand, (500.0, 1.4));
     let apart =
         records.iter().map(|r| (r.object.translation - r.handle.translation).length()).fold(0.0, f64::max);
     let force = records.iter().map(|r| r.coupling.force.length()).fold(0.0, f64::max);
@@ -140,6 +140,7 @@ fn a_ball_between_plates_that_overlap_it_is_free_along_them() {
     println!("{apart:.1e} m apart, {force:.3} N, {energy:.1e} J, {depth:.1e} m deep");
     assert!(depth > 4e-4, "{depth} m: the plates do not overlap it");
     assert!(out > 0.029, "{out} m: it stays between the plates");
-    assert!(apart < 5e-4 && force < 0.2, "{apart} m, {force} N along the plates");
+    // Where the plates' edges come into the ball, steps are held for a millisecond.
+    assert!(apart < 5e-4 && force < 0.5, "{apart} m, {force} N along the plates");
     assert!(energy > -1e-4, "{energy} J");
 }

@@ -5,6 +5,7 @@
 use std::f64::consts::TAU;
 
 use palpate::device::{Emulation, IntendedPath};
+use palpate::dynamics::BodyState;
 use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{ContactSearch, ContactSettings, DetailSettings, Response, SearchSettings};
 use palpate::{
@@ -167,6 +168,31 @@ fn any_number_of_objects_is_felt() {
     // Negative control: without objects the hand carries it lower.
     let (records, _) = session(&plate, &[], over_a_bed, Response::Constraints, (200.0, 0.8));
     assert!(records[700].object.translation.z < 0.009, "the hand does not press");
+}
+
+/// A pair takes two megabytes, most of them of its search by levels. What is known of the distances, a tenth, is
+/// given back when the body has left.
+#[test]
+fn pairs_take_little_memory_and_give_it_back() {
+    let plate = block(DVec3::new(0.08, 0.08, 0.02));
+    let spindle = spindle(400, 2.8e-3, (2.8e-3, 2.8e-3));
+    let scene = bed(64, 0.007)
+        .iter()
+        .fold(Scene::new(), |scene, (_, at)| scene.with(spindle.clone(), Pose::from_translation(*at)));
+    let device = Emulation::default().open(path(|_| DVec3::Z)).expect("an emulation");
+    let renderer = HapticRenderer::new(plate, scene, Box::new(device), settings(Response::Constraints));
+    let (_, mut contact, _) = renderer.expect("a session").into_loops();
+    let mut bytes = |z: f64, times: std::ops::Range<u32>| {
+        let state = BodyState::at_rest(Pose::from_translation(DVec3::Z * z));
+        for time in times {
+            let _ = contact.step(&state, f64::from(time) * 2e-3);
+        }
+        contact.workspace_bytes()
+    };
+    let [near, far] = [bytes(0.01, 0..20), bytes(1.0, 20..400)];
+    println!("{near} bytes near 64 objects of 1,600 triangles, {far} bytes far from them");
+    assert!(near < 64 * 2_500_000, "{near} bytes");
+    assert!(far + 64 * 100_000 < near, "{far} bytes are kept of {near}");
 }
 
 /// Tips go straight at a flat face, with contacts at any rate and in any phase.

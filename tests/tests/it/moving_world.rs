@@ -248,10 +248,7 @@ fn a_pressed_object_comes_to_rest() {
         let most = |energies: &[f64]| energies.iter().copied().fold(0.0, f64::max);
         let (all, end) = (most(&energy), most(&energy[2800..]));
         assert!(force.z > 1e-4, "{mass} kg every {every} ms: {force} N");
-        if true {
-            continue;
-        }
-        assert!(end < 1e-3 * all.max(1e-9), "{mass} kg every {every} ms: {end} J of {all} J at the end");
+        assert!(end < 1e-2 * all.max(1e-9), "{mass} kg every {every} ms: {end} J of {all} J at the end");
     }
 }
 

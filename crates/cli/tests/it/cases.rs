@@ -437,7 +437,7 @@ fn a_start_in_an_overlap_is_free_along_what_surfaces_face() {
     let ball = |scene: &str| {
         let session =
             case.run(&format!("sph5.obj {scene} --device emulated:path=sq.csv --lockstep --seconds 3.6"));
-        let along = session.max(|step| norm(step.vector("contact_f", ["x", "y"])));
+        let along = session.max(|step| norm(step.vector("coupling_f", ["x", "y"])));
         let last = session.steps().last().expect("steps").get("object_px");
         println!("ball in {scene}: {along:.3} N along the plates, ends at x = {:.2} mm", last * 1e3);
         along < 0.3 && (last - 50e-3).abs() < 1e-3

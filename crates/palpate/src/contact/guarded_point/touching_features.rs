@@ -56,11 +56,11 @@ const CROSSING: f64 = 1e-3;
 /// surface push sideways at the edges of another one; with more, those inside bent surfaces do.
 const NEARBY: f64 = 4.0;
 
-/// Distance of a sharp feature from the other surface up to which it may be where bodies leave an overlap, and
+/// Distance of a feature from the other surface up to which it may be where bodies leave an overlap, and
 /// distance beside it at which its own surface is looked at, in margins. With more, other places are looked
 /// at; with less, bodies are held where they leave each other at a low angle.
-const MET: f64 = 4.0;
-const BESIDE: f64 = 512.0;
+const MET: f64 = 128.0;
+const BESIDE: f64 = 1024.0;
 
 /// Depth of an overlap that bodies leave, in margins: more than that to which they yield. With more, bodies
 /// are held that leave a small overlap; with less, those that have yielded are let in.
@@ -94,14 +94,11 @@ impl GuardedPoint {
         if rise <= LEVEL {
             return self.measured(frames, &descent);
         }
-        if is_sharp(self, rise) {
-            let Descent { position, closest, .. } = descent;
-            let towards = outward(&descent);
-            let here =
-                ClosestPoint { point: position, normal: towards, feature: self.place.into(), ..closest };
-            if leaves_an_overlap(&here, (sides.own, sides.other), sides.to_other, frames.margin) {
-                return Measured { distance: f64::INFINITY, ..self.measured(frames, &descent) };
-            }
+        let Descent { position, closest, .. } = descent;
+        let (normal, feature) = (outward(&descent), self.place.into());
+        let here = ClosestPoint { point: position, normal, feature, ..closest };
+        if leaves_an_overlap(&here, (sides.own, sides.other), sides.to_other, frames.margin) {
+            return Measured { distance: f64::INFINITY, ..self.measured(frames, &descent) };
         }
         if is_over_face(&descent) && is_sharp(self, rise) {
             // Unless it is an edge that has come to one of that face's.
