@@ -225,6 +225,10 @@ impl ContactGeometry {
                     (false, false) => measured.nearest.clamp(0.0, reach),
                 };
                 (*slack, guarded.slack) = (known as f32 - hidden, known as f32);
+                if object.overlapped {
+                    // Deepest are places that others hold, too.
+                    found.depth = found.depth.max(-measured.nearest);
+                }
                 if hidden > 0.0 {
                     found.room = found.room.min(f64::from(*slack) - ahead);
                 }
