@@ -1,6 +1,8 @@
 //! Small inputs that have failed for people, read from `../shared/cases` beside the repository. Each is run as
 //! its own README says, beside a control for which the same check fails.
 
+#![expect(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
+
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
