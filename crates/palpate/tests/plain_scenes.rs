@@ -170,8 +170,8 @@ fn any_number_of_objects_is_felt() {
     assert!(records[700].object.translation.z < 0.009, "the hand does not press");
 }
 
-/// A pair takes two megabytes, most of them of its search by levels. What is known of the distances, a tenth, is
-/// given back when the body has left.
+/// A pair takes two megabytes, most of them of its search by levels. What is known of the distances, a tenth,
+/// is given back when the body has left.
 #[test]
 fn pairs_take_little_memory_and_give_it_back() {
     let plate = block(DVec3::new(0.08, 0.08, 0.02));

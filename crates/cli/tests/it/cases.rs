@@ -1,5 +1,5 @@
-//! Small inputs that have failed for people, read from `../shared/cases` beside the repository. Each is run as
-//! its own README says, beside a control for which the same check fails.
+//! Small inputs that have failed for people, read from `../shared/cases` beside the repository. Each is run
+//! as its own README says, beside a control for which the same check fails.
 
 #![expect(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
 

@@ -270,7 +270,7 @@ impl ContactGeometry {
         contacts.len() > known
     }
 
-    /// Whether the surfaces are not clear of each other at a point: where it is or at the features that touch.
+    /// Whether the surfaces are not clear of each other at a point: where it is or at features that touch.
     fn overlap(&self, measured: &Measured) -> bool {
         measured.distance < CLEAR * measured.held * self.margin || measured.nearest < 0.0
     }
