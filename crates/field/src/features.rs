@@ -416,7 +416,8 @@ impl FeatureMesh {
     }
 
     /// A point of the surface up to a `reach` (m) away from a point on an edge or a vertex: on the way to
-    /// that vertex of the faces beside it to which it rises most along a direction; on a face, the point itself.
+    /// that vertex of the faces beside it to which it rises most along a direction; on a face, the point
+    /// itself.
     pub fn beside(&self, feature: MeshFeature, point: DVec3, direction: DVec3, reach: f64) -> DVec3 {
         let corner = |vertex: u32| self.vertices[vertex as usize] - point;
         let slope = |way: &DVec3| direction.dot(*way) / way.length();
