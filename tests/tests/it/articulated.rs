@@ -238,7 +238,7 @@ fn a_free_object_is_gripped_and_carried_along() {
     let carried = body.pose.translation.z - start.translation.z;
     assert!(torque > 0.01, "{torque} N·m");
     assert!((carried - 0.02).abs() < 2e-3, "carried by {carried} m");
-    // It still rocks a little, from facet to facet. (Limits set after 0.3 to 0.9 and, at most, 7 mm/s were seen.)
+    // It still rocks from facet to facet. (Limits set after 0.3 to 0.9 and, at most, 7 mm/s were seen.)
     let restless = speeds[2800..].iter().sum::<f64>() / 200.0;
     let most = speeds[2800..].iter().copied().fold(0.0, f64::max);
     assert!(restless < 1.2e-3 && most < 1e-2, "{restless} m/s at the end, {most} m/s at most");
