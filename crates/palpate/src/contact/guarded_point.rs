@@ -13,7 +13,7 @@ use palpate_field::{ClosestPoint, FeatureMesh, Leash, MeshFeature, Place};
 const MAX_MOVES: u32 = 3;
 
 /// The same for a point that has not come to rest in them. With fewer, more is taken for near than is.
-const MAX_FURTHER_MOVES: u32 = 32;
+const MAX_SETTLING_MOVES: u32 = 32;
 
 /// The same for a point that is new. With more, queries may take longer over fine meshes; with fewer, less is
 /// known of how far from the other surface it is.
@@ -220,7 +220,7 @@ impl GuardedPoint {
     /// Goes on with a measurement in which the point has not come to rest.
     #[inline(never)]
     pub fn measure_on(&mut self, frames: &Frames<'_>, slack: f32, reach: f64) -> Measured {
-        self.measure_in(MAX_FURTHER_MOVES, frames, slack, reach)
+        self.measure_in(MAX_SETTLING_MOVES, frames, slack, reach)
     }
 
     #[inline(always)]

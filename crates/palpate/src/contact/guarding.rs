@@ -124,8 +124,8 @@ impl ContactLoop {
         let overlap = -OVERLAP * geometry.margin;
         let is_deep = |point: &GuardedPoint| f64::from(point.slack) < overlap;
         for (index, object) in geometry.objects.iter_mut().enumerate() {
-            let deep = geometry.points.iter().any(|it| usize::from(it.object) == index && is_deep(it));
-            object.overlapped = self.pairs.overlapped(object.place, deep);
+            let mut own = geometry.points.iter().filter(|point| usize::from(point.object) == index);
+            object.overlapped = self.pairs.overlapped(object.place, || own.any(is_deep));
         }
         self.guard = guard;
         self.telemetry.events.contact_overflow += dropped as u64;

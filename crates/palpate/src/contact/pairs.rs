@@ -71,11 +71,11 @@ impl Pairs {
         &mut pair.near
     }
 
-    /// Whether the body and the object at a place overlapped when they first came near each other; they do
-    /// now if `overlap`.
-    pub fn overlapped(&mut self, place: usize, overlap: bool) -> bool {
+    /// Whether the body and the object at a place overlapped when they first came near each other: if it is
+    /// not known yet, whether they do now.
+    pub fn overlapped(&mut self, place: usize, overlap: impl FnOnce() -> bool) -> bool {
         let pair = self.pairs.get_mut(place).and_then(Option::as_mut);
-        pair.is_some_and(|pair| *pair.overlapped.get_or_insert(overlap))
+        pair.is_some_and(|pair| *pair.overlapped.get_or_insert_with(overlap))
     }
 
     /// Forgets the object at a place.

@@ -59,7 +59,7 @@ const NEARBY: f64 = 4.0;
 /// Distance of a feature from the other surface up to which it may be where bodies leave an overlap, and
 /// distance beside it at which its own surface is looked at, in margins. With more, other places are looked
 /// at; with less, bodies are held where they leave each other at a low angle.
-const MET: f64 = 128.0;
+const LEAVING: f64 = 128.0;
 const BESIDE: f64 = 1024.0;
 
 /// Depth of an overlap that bodies leave, in margins: more than that to which they yield. With more, bodies
@@ -287,7 +287,7 @@ fn leaves_an_overlap(
     to_other: &DAffine3,
     margin: Option<f64>,
 ) -> bool {
-    let Some(margin) = margin.filter(|margin| at.distance <= MET * margin) else { return false };
+    let Some(margin) = margin.filter(|margin| at.distance <= LEAVING * margin) else { return false };
     // A walk may end on the far side of a wall.
     let distance = |at: DVec3, hint: u32| {
         let at = to_other.transform_point3(at);
