@@ -1,6 +1,6 @@
 //! Penetration at recorded poses, by the exact geometry of the meshes.
 
-use palpate::collide::{ContactQuery, ContactSet, ContactSetSettings, QuerySettings};
+use palpate::collide::{Containment, ContactQuery, ContactSet, ContactSetSettings, PatchContact, QuerySettings};
 use palpate::mesh_io::intersecting_pairs;
 use palpate::{Pose, TriMesh};
 
@@ -16,6 +16,7 @@ const LOOKED_AROUND: usize = 12;
 /// Judge of the poses of one part against another, fixed at the origin.
 pub struct Exact {
     meshes: [TriMesh; 2],
+    containment: Containment,
     query: ContactQuery,
     set: ContactSet,
 }
@@ -25,27 +26,29 @@ impl Exact {
         let shapes = [moved.object.shape(), fixed.object.shape()];
         Self {
             meshes: [moved.mesh.clone(), fixed.mesh.clone()],
+            containment: Containment::new(shapes[0], shapes[1]),
             query: ContactQuery::new(shapes[0], shapes[1]),
             set: ContactSet::new(shapes[0], shapes[1]),
         }
     }
 
-    /// Depth at a pose, m: 0 if no triangles of the two meshes meet, else the depth of the deepest region of
-    /// intersection, at full resolution.
+    /// Depth at a pose, m: that of the deepest region of intersection, at full resolution. Where no triangles
+    /// of the two meshes meet it is 0, or the depth of a part that is wholly inside the other.
     ///
     /// # Errors
     /// If the query refuses the pose.
     pub fn depth(&mut self, pose: &Pose) -> Result<f64, String> {
         let [moved, fixed] = &self.meshes;
         if intersecting_pairs(moved, pose, fixed, &Pose::IDENTITY, 1).is_empty() {
-            return Ok(0.0);
+            let inside = self.containment.run(pose, &Pose::IDENTITY).map_err(|error| error.to_string())?;
+            return Ok(deepest(inside));
         }
         let settings = QuerySettings::new(TOLERANCE);
         self.query.run(pose, &Pose::IDENTITY, &settings).map_err(|error| error.to_string())?;
         let merged = ContactSetSettings::new(TOLERANCE);
         let contacts = self.set.run(self.query.contacts(), pose, &Pose::IDENTITY, &merged);
         let contacts = contacts.map_err(|error| error.to_string())?;
-        Ok(contacts.iter().map(|found| found.contact.depth).fold(0.0, f64::max))
+        Ok(deepest(contacts))
     }
 
     /// Deepest penetration over poses that follow one another, m: at every eighth pose, and at every pose
@@ -68,4 +71,9 @@ impl Exact {
         }
         Ok(deepest)
     }
+}
+
+/// Depth of the deepest contact, m.
+fn deepest(contacts: &[PatchContact]) -> f64 {
+    contacts.iter().map(|found| found.contact.depth).fold(0.0, f64::max)
 }

@@ -98,6 +98,21 @@ fn penetration_of_a_peg_is_how_far_it_was_moved() {
     assert!(exact.depth(&aslant).unwrap() > 1e-4);
 }
 
+/// No triangles of a pin meet those of the peg that it is wholly inside of.
+#[test]
+fn what_is_wholly_inside_is_as_deep_as_it_is() {
+    let mesh = PegFit::LOOSE_8_MM.peg(1000).unwrap();
+    let small = mesh.vertices().iter().map(|vertex| *vertex * 0.2).collect();
+    let pin = Part::new("pin", TriMesh::new(small, mesh.triangles().to_vec()).unwrap()).unwrap();
+    let peg = Part::new("peg", mesh).unwrap();
+    let [low, high] = [f64::min, f64::max].map(|of| peg.mesh.vertices().iter().map(|v| v.z).reduce(of).unwrap());
+    let mut exact = Exact::new(&pin, &peg);
+    let at = |z: f64| exact.depth(&Pose::from_translation(DVec3::Z * z)).unwrap();
+    let [inside, beside] = [0.4 * (low + high), high + 0.3 * (high - low)].map(at);
+    // The pin's axis is 4 mm below the peg's surface.
+    assert!((3e-3..5e-3).contains(&inside) && beside == 0.0, "{inside} and {beside} m");
+}
+
 #[test]
 fn travel_in_a_turn_is_that_of_the_helix() {
     let record = |index: usize| {
