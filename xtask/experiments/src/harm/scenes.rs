@@ -34,6 +34,8 @@ const USUAL_RADIUS: (f64, f64) = (0.01, 0.1);
 /// everything is far away.
 const MAX_DRAG: f64 = 0.05;
 const MAX_LAG: f64 = 5e-4;
+/// Distance, in radii of the probe, up to which a body may be touched in a step.
+const NEAR: f64 = 0.02;
 /// Age of the newest contact model, contact intervals: its query takes one, and it is in use for another.
 const MODEL_AGE: f64 = 2.0;
 /// Time after which the coupling has come to rest where the probe has left surfaces, s and contact
@@ -88,8 +90,10 @@ struct Plan {
     /// Solids, and those of them that lie at poses.
     solids: Vec<Solid>,
     placed: Vec<(usize, Pose)>,
-    /// Directions in which the scene does not change where the probe is, world axes.
+    /// Directions in which the scene does not change where the probe is, world axes; and the number of
+    /// bodies of which that is true. The others are beside the route.
     even: Vec<DVec3>,
+    uniform: usize,
     route: Route,
     speed: f64,
     /// Rate of contact queries, Hz.
@@ -141,6 +145,7 @@ impl Plan {
             Kind::Bearing => draft.in_bearing(),
             Kind::Clutter => draft.in_clutter(),
         };
+        let uniform = draft.placed.len();
         draft.beside(&route);
         let Draft { solids, placed, .. } = draft;
         let axes = if axes.0 { Pose::new(axes.2, axes.1) } else { Pose::IDENTITY };
@@ -151,6 +156,7 @@ impl Plan {
             solids,
             placed: placed.into_iter().map(|(solid, pose)| (solid, axes * pose)).collect(),
             even: even.into_iter().map(|along| axes.rotation * along).collect(),
+            uniform,
             route: route.placed(&axes),
             speed,
             rate,
@@ -605,7 +611,7 @@ impl Plan {
         let ((mut session, _), (mut empty, _)) = (begun(&scene)?, begun(&Scene::new())?);
         let placed: Vec<(&Solid, Pose)> =
             self.placed.iter().map(|(solid, pose)| (&self.solids[*solid], *pose)).collect();
-        let mut judge = Judge::new(self, Oracle::new(&self.probe, &placed), probe.clod.source.center_of_mass);
+        let mut judge = Judge::new(self, &placed, probe.clod.source.center_of_mass);
         let steps = (self.route.last().0 / PERIOD).ceil() as u64;
         for step in 1..=steps {
             let time = step as f64 * PERIOD;
@@ -619,6 +625,8 @@ impl Plan {
 struct Judge<'a> {
     plan: &'a Plan,
     oracle: Oracle,
+    /// The distances from the bodies beside the route.
+    beside: Oracle,
     center: DVec3,
     overlap: f64,
     /// Overlap at the start, m: that of a press fit, which stays.
@@ -636,7 +644,9 @@ struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    fn new(plan: &'a Plan, mut oracle: Oracle, center: DVec3) -> Self {
+    fn new(plan: &'a Plan, placed: &[(&Solid, Pose)], center: DVec3) -> Self {
+        let mut oracle = Oracle::new(&plan.probe, placed);
+        let beside = Oracle::new(&plan.probe, &placed[plan.uniform..]);
         oracle.place(&plan.route.start());
         let fit = oracle.overlap();
         let (low, high) = USUAL_RADIUS;
@@ -644,6 +654,7 @@ impl<'a> Judge<'a> {
         Self {
             plan,
             oracle,
+            beside,
             center,
             overlap: MAX_OVERLAP * scale,
             fit,
@@ -664,8 +675,12 @@ impl<'a> Judge<'a> {
             return;
         }
         let [sideways, overlap, drag, lag] = &mut self.largest;
-        for along in &self.plan.even {
-            sideways.take(record.contact.force.dot(*along).abs(), MAX_SIDEWAYS, time);
+        // Where the probe is held away from its route it may come to a body beside that.
+        self.beside.place(&record.object);
+        let along = |along: &DVec3| record.contact.force.dot(*along).abs();
+        let most = self.plan.even.iter().map(along).fold(0.0, f64::max);
+        if most > 0.0 && self.beside.is_beyond(NEAR * self.plan.radius) {
+            sideways.take(most, MAX_SIDEWAYS, time);
         }
         self.oracle.place(&record.object);
         overlap.take(self.oracle.overlap() - self.fit, self.overlap, time);
@@ -769,7 +784,7 @@ mod tests {
         let placed: Vec<(&Solid, Pose)> =
             plan.placed.iter().map(|(solid, pose)| (&plan.solids[*solid], *pose)).collect();
         let judged = |change: &dyn Fn(&mut Record)| {
-            let mut judge = Judge::new(&plan, Oracle::new(&plan.probe, &placed), DVec3::ZERO);
+            let mut judge = Judge::new(&plan, &placed, DVec3::ZERO);
             let pose = plan.route.start();
             let free = Record {
                 time: 0.0,
