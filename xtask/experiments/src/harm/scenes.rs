@@ -34,6 +34,8 @@ const USUAL_RADIUS: (f64, f64) = (0.01, 0.1);
 /// everything is far away.
 const MAX_DRAG: f64 = 0.05;
 const MAX_LAG: f64 = 5e-4;
+/// Smallest radius of a ball, m.
+const MIN_BALL: f64 = 6e-4;
 /// Distance, in radii of the probe, up to which a body may be touched in a step.
 const NEAR: f64 = 0.02;
 /// Age of the newest contact model, contact intervals: its query takes one, and it is in use for another.
@@ -400,9 +402,10 @@ impl Draft<'_, '_> {
         } else {
             // The distance of their middles, a + r = r / share, where the clearance is 0.
             let ball = (shaft * (1.0 + clearance) / (1.0 / share - 1.0)).min(2.0 * self.radius);
-            (ball, shaft * (1.0 + clearance) + ball)
+            let ball = ball.max(MIN_BALL);
+            (ball, (shaft * (1.0 + clearance) + ball).max(ball / share))
         };
-        let ball = ball.max(6e-4);
+        let ball = ball.max(MIN_BALL);
         let solid = self.solids.len();
         self.solids.push(Solid::ball(ball, rings, sides, self.rng));
         for index in 0..count {

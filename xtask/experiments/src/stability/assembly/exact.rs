@@ -1,6 +1,8 @@
 //! Penetration at recorded poses, by the exact geometry of the meshes.
 
-use palpate::collide::{Containment, ContactQuery, ContactSet, ContactSetSettings, PatchContact, QuerySettings};
+use palpate::collide::{
+    ContactQuery, ContactSet, ContactSetSettings, Containment, PatchContact, QuerySettings,
+};
 use palpate::mesh_io::intersecting_pairs;
 use palpate::{Pose, TriMesh};
 

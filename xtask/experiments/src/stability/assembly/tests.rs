@@ -105,7 +105,8 @@ fn what_is_wholly_inside_is_as_deep_as_it_is() {
     let small = mesh.vertices().iter().map(|vertex| *vertex * 0.2).collect();
     let pin = Part::new("pin", TriMesh::new(small, mesh.triangles().to_vec()).unwrap()).unwrap();
     let peg = Part::new("peg", mesh).unwrap();
-    let [low, high] = [f64::min, f64::max].map(|of| peg.mesh.vertices().iter().map(|v| v.z).reduce(of).unwrap());
+    let [low, high] =
+        [f64::min, f64::max].map(|of| peg.mesh.vertices().iter().map(|v| v.z).reduce(of).unwrap());
     let mut exact = Exact::new(&pin, &peg);
     let at = |z: f64| exact.depth(&Pose::from_translation(DVec3::Z * z)).unwrap();
     let [inside, beside] = [0.4 * (low + high), high + 0.3 * (high - low)].map(at);
