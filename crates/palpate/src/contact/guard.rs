@@ -297,7 +297,7 @@ impl Guard {
             let most = if is_last { usize::MAX } else { MAX_CELLS };
             self.choose(&cells, most);
             if self.are_too_many(limits.near) {
-                let nearest = self.limit_to(room_at(self.coarseness, limits));
+                let nearest = self.limit_to(&cells, room_at(self.coarseness, limits));
                 if nearest < f64::INFINITY {
                     left_out = left_out.min(nearest);
                     self.choose(&cells, most);
@@ -321,11 +321,22 @@ impl Guard {
         (nearest.min(left_out), missed)
     }
 
-    /// Leaves out the furthest starts if what is within a distance (m) fits. Returns the least distance of
-    /// those, m.
-    fn limit_to(&mut self, room: f64) -> f64 {
-        let within = self.starts.iter().filter(|start| start.least() < room).count();
-        if within <= MAX_CELLS { self.limit(MAX_CELLS) } else { f64::INFINITY }
+    /// Leaves out the furthest starts if the cells of those within a distance (m) fit. Returns the least
+    /// distance of those, m.
+    fn limit_to(&mut self, cells: &Cells, room: f64) -> f64 {
+        self.starts.sort_unstable_by(|a, b| a.least.total_cmp(&b.least));
+        self.cells.clear();
+        let mut is_beyond = |start: &Start| {
+            self.cells.insert(start.cell(cells), 0);
+            self.cells.len() > MAX_CELLS
+        };
+        let Some(kept) = self.starts.iter().position(&mut is_beyond) else { return f64::INFINITY };
+        let least = self.starts[kept].least();
+        if least < room {
+            return f64::INFINITY;
+        }
+        self.starts.truncate(kept);
+        least
     }
 
     /// Whether the chosen starts are so many that not all of their points would find room, though some of
@@ -358,11 +369,12 @@ impl Guard {
     /// descend to another.
     fn lengthen(&mut self, cells: &Cells) {
         for index in 0..self.starts.len() {
-            let Start { at, leash, is_tip, distance, .. } = self.starts[index];
+            let Start { at, leash, is_tip, distance, least, .. } = self.starts[index];
             let Some(&chosen) = self.cells.get(&self.starts[index].cell(cells)) else { continue };
             let chosen = &mut self.starts[chosen as usize];
             let away = chosen.at.distance(at);
             chosen.leash = chosen.leash.max(away + leash);
+            chosen.least = chosen.least.min(least);
             if is_tip && distance > cells.edge as f32 {
                 chosen.hidden = chosen.hidden.max(away);
             }
@@ -395,6 +407,8 @@ impl Guard {
                 .filter(|point| f64::from(point.slack) < f64::from(start.distance + start.apart) + later)
                 .unwrap_or_else(|| GuardedPoint::new(within, start.hint, is_probe, object, frames));
             point.hidden = start.hidden;
+            // Should its descent not have ended, what it stands for is known to be at least that far.
+            point.slack = point.slack.max(start.least);
             points.push(point);
             known.next.insert(key, point);
             known.next.insert(feature, point);
