@@ -450,10 +450,12 @@ impl StepContacts {
     fn add(&mut self, own: usize, contact: UnilateralContact, nearest: f64) {
         if let Some(index) = self.at(own, contact.arm, contact.normal) {
             let (known, least) = (&mut self.contacts[index], &mut self.nearest[index]);
-            known.gap = known.gap.min(contact.gap);
+            let gap = known.gap.min(contact.gap);
             if nearest < *least {
-                (known.key, *least) = (contact.key, nearest);
+                (*known, *least) = (contact, nearest);
+                self.along[index / LANES][index % LANES] = contact.arm.x;
             }
+            known.gap = gap;
         } else if !self.contacts.is_full() {
             self.nearest.push(nearest);
             self.push(contact);

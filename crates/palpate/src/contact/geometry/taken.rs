@@ -41,10 +41,6 @@ const SHORTEST: f64 = LONGEST / 64.0;
 /// more, steps may take longer.
 const MAX_POSES: u32 = 32;
 
-/// Number of times that a point is measured again until it has no further to go. With fewer, points that move
-/// fast over a surface are not where it is nearest.
-const MAX_SETTLING: u32 = 8;
-
 /// Share of a step within which contacts are met at once. With less, steps are taken more often; with more,
 /// bodies meet what others keep them from.
 const AT_ONCE: f64 = 0.1;
@@ -226,7 +222,7 @@ impl ContactGeometry {
         let [same_place, near_place] = [SAME_PLACE, NEAR_PLACE].map(|share| share * self.bound.radius);
         let margin = self.margin;
         let StepContacts { contacts, near, left, .. } = found;
-        let known = contacts.len();
+        let mut is_changed = false;
         let mut last: Option<(u8, Frames<'_>)> = None;
         for &key in near.iter() {
             if *left == 0 {
@@ -234,7 +230,8 @@ impl ContactGeometry {
             }
             let Some((mut point, object)) = self.point(key) else { continue };
             let gap = f64::from(point.slack);
-            let least = gap - moved - object.speed * step.dt;
+            let motion = moved + object.speed * step.dt;
+            let least = gap - motion;
             // What overlaps deeply at the start is met there.
             if least > CLEAR * margin || gap < -MET_DEPTH * margin {
                 continue;
@@ -245,8 +242,8 @@ impl ContactGeometry {
             };
             last = Some((point.object, frames));
             let later = settled(&mut point, &frames, least, margin, left);
-            // A step brings nothing nearer by more than the motion in it.
-            if !self.overlap(&later) || later.distance < least {
+            // A step brings nothing nearer by more than the motion in it, also another wall than that at the gap.
+            if !self.overlap(&later) || later.distance < gap.min(0.0) - motion {
                 continue;
             }
             let end = self.contact_at(key, object, step, 1.0, &later);
@@ -258,16 +255,28 @@ impl ContactGeometry {
                 let within = if known.key == key { near_place } else { same_place };
                 known.arm.distance_squared(contact.arm) < within * within
             };
-            let is_same =
-                |known: &UnilateralContact| known.normal.dot(contact.normal) > AHEAD_NORMAL && is_here(known);
+            let of = point.object;
+            let is_of = |key: u16| self.points.get(usize::from(key)).is_some_and(|it| it.object == of);
+            let is_same = |known: &UnilateralContact| {
+                is_of(known.key) && known.normal.dot(contact.normal) > AHEAD_NORMAL && is_here(known)
+            };
             // What overlaps though the step leads away from it has come in from elsewhere.
             let was_there = contact.gap < gap.min(0.0) - margin;
-            if !was_there && !contacts.iter().any(is_same) {
+            if was_there {
+                continue;
+            }
+            if let Some(known) = contacts.iter_mut().find(|known| is_same(known)) {
+                // Where it sinks in beyond a bent surface's plane at the start, that at the end holds it.
+                if later.distance.is_finite() && later.distance < gap.min(0.0) - margin {
+                    *known = UnilateralContact { impulse: known.impulse, friction: known.friction, ..end };
+                    is_changed = true;
+                }
+            } else {
                 // What there is no room for is met in the next step.
-                let _ = contacts.try_push(contact);
+                is_changed |= contacts.try_push(contact).is_ok();
             }
         }
-        contacts.len() > known
+        is_changed
     }
 
     /// Whether the surfaces are not clear of each other at a point: where it is or at features that touch.
@@ -298,15 +307,13 @@ fn settled(
     reach: f64,
     left: &mut u32,
 ) -> Measured {
-    let mut settling = MAX_SETTLING;
-    loop {
-        let measured = point.measure(frames, least as f32, reach);
-        *left = left.saturating_sub(1);
-        if measured.is_settled || settling == 0 || *left == 0 {
-            return measured;
-        }
-        settling -= 1;
+    let measured = point.measure(frames, least as f32, reach);
+    *left = left.saturating_sub(1);
+    if measured.is_settled || *left == 0 {
+        return measured;
     }
+    *left -= 1;
+    point.measure_on(frames, least as f32, reach)
 }
 
 impl NearObject {

@@ -18,9 +18,9 @@
 //! may not pass the plane of this one, which goes on.
 
 use palpate_core::glam::{DAffine3, DVec3};
-use palpate_field::{ClosestPoint, FeatureMesh, MeshFeature, Place};
+use palpate_field::{ClosestPoint, FeatureMesh, Leash, MeshFeature, Place};
 
-use super::{Descent, Frames, GuardedPoint, Measured, Sides};
+use super::{Descent, Frames, GuardedPoint, LEVEL_WITH, Measured, Sides};
 
 /// Slope up to which a direction is a normal of a feature: twice that at which points leave a vertex. With
 /// more, surfaces are pushed sideways by that share of the contact force; with less, points at rest are off
@@ -35,6 +35,10 @@ const BLUNT: f64 = 2.0;
 /// Slope of a direction along an edge from which the edge comes nearer where it goes on, so that another
 /// point is there.
 const ALONG_EDGE: f64 = 0.7;
+
+/// The same where only its leash keeps the point from there. With less, an edge that a step turns downwards is
+/// held late; with more, surfaces are pushed along edges.
+const LEASHED: f64 = 0.3;
 
 /// Number of moves that a point tries beyond those of each step where it is not yet at features that touch.
 /// With fewer, features that it only passes are taken for such; with more, steps may take longer.
@@ -100,19 +104,19 @@ impl GuardedPoint {
         if leaves_an_overlap(&here, (sides.own, sides.other), sides.to_other, frames.margin) {
             return Measured { distance: f64::INFINITY, ..self.measured(frames, &descent) };
         }
-        if is_over_face(&descent) && is_sharp(self, rise) {
-            // Unless it is an edge that has come to one of that face's.
-            return match self.crossing(&sides, &descent) {
-                Some(pair) => self.at_pair(frames, &descent, &pair),
-                None => self.across(frames, &sides, &descent, true),
-            };
-        }
         if !descent.is_settled {
             descent = self.descend(frames, MAX_FURTHER_MOVES, f64::NEG_INFINITY);
             rise = sides.own.rise(self.place.into(), outward(&descent));
         }
         if rise <= LEVEL {
             return self.measured(frames, &descent);
+        }
+        if is_over_face(&descent) && is_sharp(self, rise) {
+            // Unless it is an edge that has come to one of that face's.
+            return match self.crossing(&sides, &descent) {
+                Some(pair) => self.at_pair(frames, &descent, &pair),
+                None => self.across(frames, &sides, &descent, true),
+            };
         }
         let is_held = is_sharp(self, rise);
         let pair = self.crossing(&sides, &descent).or_else(|| self.in_turn(&sides, &descent));
@@ -137,13 +141,22 @@ impl GuardedPoint {
         let [from, to] = sides.own.ends(edge);
         let direction = (to - from).normalize_or_zero();
         let slope = outward.dot(direction);
-        if slope.abs() > ALONG_EDGE {
+        let far = Leash { length: f32::INFINITY, ..self.leash };
+        let is_stopped = |leash| sides.own.descend(&self.place, -outward, 1.0, leash).is_some();
+        if slope.abs() > ALONG_EDGE || (slope.abs() > LEASHED && !is_stopped(&self.leash) && is_stopped(&far))
+        {
             return Measured { distance: f64::INFINITY, ..measured };
         }
         if !is_held {
             return measured;
         }
         let level = (outward - direction * slope) / (1.0 - slope * slope).sqrt();
+        // Edges that lie along each other have many normals.
+        let across_both = |along: DVec3| {
+            let both = direction.cross(sides.to_own.transform_vector3(along)).normalize_or_zero();
+            let facing = both.dot(outward);
+            (facing.abs() > ALONG_EDGE).then_some(both * facing.signum()).unwrap_or(level)
+        };
         let (normal, distance) = match closest.feature {
             MeshFeature::Face(_) => {
                 let lower = if slope > 0.0 { to } else { from };
@@ -151,14 +164,15 @@ impl GuardedPoint {
                 if end.normal.dot(closest.normal) >= 1.0 - LEVEL {
                     return measured;
                 }
-                (level, closest.distance / level.dot(outward))
+                let normal = across_both(closest.normal.cross(end.normal));
+                if normal.dot(outward) >= LEVEL_WITH {
+                    return measured;
+                }
+                (normal, closest.distance / normal.dot(outward))
             }
             MeshFeature::Edge(other) => {
                 let [from, to] = sides.other.ends(other);
-                let both = direction.cross(sides.to_own.transform_vector3(to - from)).normalize_or_zero();
-                let along = both.dot(outward);
-                // Edges that lie along each other have many.
-                let normal = if along.abs() > ALONG_EDGE { both * along.signum() } else { level };
+                let normal = across_both(to - from);
                 (normal, closest.distance * normal.dot(outward))
             }
             MeshFeature::Vertex(_) => (level, closest.distance * level.dot(outward)),
@@ -177,8 +191,8 @@ impl GuardedPoint {
             let object = &frames.object.1;
             (object.transform_point3(other), -object.transform_vector3(normal))
         };
-        let held = self.held(frames, descent.closest.feature, normal);
         let Descent { closest, is_settled, .. } = *descent;
+        let (normal, distance, held) = self.held(frames, closest.feature, normal, distance);
         Measured { point, normal, distance, nearest: closest.distance, is_settled, held }
     }
 
@@ -237,7 +251,23 @@ impl GuardedPoint {
         if is_other && leaves_an_overlap(&end, (other, own), to_own, margin) {
             return None;
         }
-        is_other.then_some(Pair { own: point, other: at, normal, distance })
+        if !is_other {
+            return None;
+        }
+        // An edge that comes nearer beyond the plane of this surface is held across both.
+        let across = match there.feature {
+            MeshFeature::Edge(edge) => {
+                let [from, to] = other.ends(edge).map(|end| to_own.transform_point3(end));
+                let direction = to - from;
+                let end = own.walk(if normal.dot(direction) > 0.0 { from } else { to }, face);
+                let both = direction.cross(normal.cross(end.normal)).normalize_or_zero();
+                let facing = both.dot(normal);
+                let is_aslant = facing.abs() > ALONG_EDGE && end.normal.dot(normal) < 1.0 - LEVEL;
+                if is_aslant { both * facing.signum() } else { normal }
+            }
+            _ => normal,
+        };
+        Some(Pair { own: point, other: at, normal: across, distance: distance * across.dot(normal) })
     }
 
     /// The points at which the nearest of each surface, taken in turn, end.
