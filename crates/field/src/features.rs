@@ -439,23 +439,21 @@ impl FeatureMesh {
         point + way.map_or(DVec3::ZERO, |way| way.clamp_length_max(reach))
     }
 
-    /// The normal of the face beside a feature that is nearest to a direction, a unit vector.
+    /// Cosine of the angle between a direction, a unit vector, and the nearest of the normals of the faces
+    /// beside a feature.
     #[inline]
-    pub fn facing(&self, feature: MeshFeature, direction: DVec3) -> DVec3 {
-        let nearer = |best: (f64, DVec3), face: &u32| {
-            let normal = self.faces[*face as usize].normal;
-            let facing = direction.dot(normal);
-            if facing > best.0 { (facing, normal) } else { best }
-        };
-        let none = (f64::NEG_INFINITY, direction);
-        let (_, normal) = match feature {
-            MeshFeature::Face(face) => nearer(none, &face),
+    pub fn facing(&self, feature: MeshFeature, direction: DVec3) -> f64 {
+        let facing = |face: &u32| direction.dot(self.faces[*face as usize].normal);
+        match feature {
+            MeshFeature::Face(face) => facing(&face),
             MeshFeature::Edge(edge) => {
-                self.sides[edge as usize].iter().filter(|face| **face != NONE).fold(none, nearer)
+                let sides = self.sides[edge as usize].iter().filter(|face| **face != NONE);
+                sides.map(facing).fold(-1.0, f64::max)
             }
-            MeshFeature::Vertex(vertex) => self.faces_around.of(vertex).iter().fold(none, nearer),
-        };
-        normal
+            MeshFeature::Vertex(vertex) => {
+                self.faces_around.of(vertex).iter().map(facing).fold(-1.0, f64::max)
+            }
+        }
     }
 
     /// How sharp a feature is: 0 on a flat part of the surface. For an edge the sine of the angle between the

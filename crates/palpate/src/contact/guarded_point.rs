@@ -47,13 +47,6 @@ const TRUSTED: f64 = 0.25;
 /// slides across level with a face just touches the edge; with more, edges are held nearer than faces.
 const MITER: f64 = 1.5;
 
-/// Cosine of the angle of a normal from that of a face beside an edge from which the face's plane goes on
-/// there: with [`MITER`], up to where a body level with the face is [`taken::APART`] from the edge. With more,
-/// edges push sideways by that angle; with less, bodies are held that pass an edge.
-///
-/// [`taken::APART`]: super::geometry::taken
-const LEVEL_WITH: f64 = 0.996;
-
 /// Least share of the margin. With less, surfaces that yield a little overlap.
 const LEAST_HELD: f64 = 0.25;
 
@@ -264,36 +257,23 @@ impl GuardedPoint {
             let outward = frames.probe.1.transform_vector3(closest.normal);
             (frames.probe.1.transform_point3(closest.point), outward)
         };
-        let nearest = closest.distance;
-        let (normal, distance, held) = self.held(frames, closest.feature, normal, nearest);
-        Measured { point, normal, distance, nearest, is_settled, held }
+        let held = self.held(frames, closest.feature, normal);
+        let distance = closest.distance;
+        Measured { point, normal, distance, nearest: distance, is_settled, held }
     }
 
-    /// How surfaces at a distance (m) along a normal out of the body in the hand are held apart: the normal,
-    /// the distance along it, and the share of the margin. It is all of that over the object's faces, less at
-    /// its edges and vertices by how far the normal is from those of the faces beside them. So they are
-    /// within what the margin of these faces leaves free, and a body that slides from one object over another
-    /// that is level with it does not meet the edge between. Where the normal nearly is that of a face, the
-    /// plane of that goes on.
+    /// Share of the margin at which surfaces are held apart at features with a normal out of the body in the
+    /// hand: all of it over the object's faces, less at its edges and vertices by how far the normal is from
+    /// those of the faces beside them. So they are within what the margin of these faces leaves free, and a
+    /// body that slides from one object over another that is level with it does not meet the edge between.
     #[inline(always)]
-    fn held(
-        &self,
-        frames: &Frames<'_>,
-        feature: MeshFeature,
-        normal: DVec3,
-        distance: f64,
-    ) -> (DVec3, f64, f64) {
+    fn held(&self, frames: &Frames<'_>, feature: MeshFeature, normal: DVec3) -> f64 {
         let feature = if self.is_probe { feature } else { self.place.into() };
         if matches!(feature, MeshFeature::Face(_)) {
-            return (normal, distance, 1.0);
+            return 1.0;
         }
         let out = frames.object.1.matrix3.transpose() * -normal;
-        let face = frames.object.0.facing(feature, out);
-        let facing = face.dot(out);
-        if facing >= LEVEL_WITH {
-            return (-frames.object.1.transform_vector3(face), distance * facing, 1.0);
-        }
-        (normal, distance, (1.0 - MITER * (1.0 - facing)).clamp(LEAST_HELD, 1.0))
+        (1.0 - MITER * (1.0 - frames.object.0.facing(feature, out))).clamp(LEAST_HELD, 1.0)
     }
 
     /// Turns to the nearest face of the whole surface where a point has come away from the one that it knows,

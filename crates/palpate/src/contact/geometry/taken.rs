@@ -242,7 +242,8 @@ impl ContactGeometry {
             };
             last = Some((point.object, frames));
             let later = settled(&mut point, &frames, least, margin, left);
-            // A step brings nothing nearer by more than the motion in it, also another wall than that at the gap.
+            // A step brings nothing nearer by more than the motion in it; what is met may be another wall
+            // than that at the gap.
             if !self.overlap(&later) || later.distance < gap.min(0.0) - motion {
                 continue;
             }

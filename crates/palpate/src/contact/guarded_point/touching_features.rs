@@ -20,7 +20,7 @@
 use palpate_core::glam::{DAffine3, DVec3};
 use palpate_field::{ClosestPoint, FeatureMesh, Leash, MeshFeature, Place};
 
-use super::{Descent, Frames, GuardedPoint, LEVEL_WITH, Measured, Sides};
+use super::{Descent, Frames, GuardedPoint, Measured, Sides};
 
 /// Slope up to which a direction is a normal of a feature: twice that at which points leave a vertex. With
 /// more, surfaces are pushed sideways by that share of the contact force; with less, points at rest are off
@@ -36,8 +36,8 @@ const BLUNT: f64 = 2.0;
 /// point is there.
 const ALONG_EDGE: f64 = 0.7;
 
-/// The same where only its leash keeps the point from there. With less, an edge that a step turns downwards is
-/// held late; with more, surfaces are pushed along edges.
+/// The same where only its leash keeps the point from there. With less, an edge that a step turns downwards
+/// is held late; with more, surfaces are pushed along edges.
 const LEASHED: f64 = 0.3;
 
 /// Number of moves that a point tries beyond those of each step where it is not yet at features that touch.
@@ -142,9 +142,9 @@ impl GuardedPoint {
         let direction = (to - from).normalize_or_zero();
         let slope = outward.dot(direction);
         let far = Leash { length: f32::INFINITY, ..self.leash };
-        let is_stopped = |leash| sides.own.descend(&self.place, -outward, 1.0, leash).is_some();
-        if slope.abs() > ALONG_EDGE || (slope.abs() > LEASHED && !is_stopped(&self.leash) && is_stopped(&far))
-        {
+        let goes_on = |leash| sides.own.descend(&self.place, -outward, 1.0, leash).is_some();
+        let is_leashed = || slope.abs() > LEASHED && !goes_on(&self.leash) && goes_on(&far);
+        if slope.abs() > ALONG_EDGE || is_leashed() {
             return Measured { distance: f64::INFINITY, ..measured };
         }
         if !is_held {
@@ -155,7 +155,7 @@ impl GuardedPoint {
         let across_both = |along: DVec3| {
             let both = direction.cross(sides.to_own.transform_vector3(along)).normalize_or_zero();
             let facing = both.dot(outward);
-            (facing.abs() > ALONG_EDGE).then_some(both * facing.signum()).unwrap_or(level)
+            if facing.abs() > ALONG_EDGE { both * facing.signum() } else { level }
         };
         let (normal, distance) = match closest.feature {
             MeshFeature::Face(_) => {
@@ -165,9 +165,6 @@ impl GuardedPoint {
                     return measured;
                 }
                 let normal = across_both(closest.normal.cross(end.normal));
-                if normal.dot(outward) >= LEVEL_WITH {
-                    return measured;
-                }
                 (normal, closest.distance / normal.dot(outward))
             }
             MeshFeature::Edge(other) => {
@@ -192,7 +189,7 @@ impl GuardedPoint {
             (object.transform_point3(other), -object.transform_vector3(normal))
         };
         let Descent { closest, is_settled, .. } = *descent;
-        let (normal, distance, held) = self.held(frames, closest.feature, normal, distance);
+        let held = self.held(frames, closest.feature, normal);
         Measured { point, normal, distance, nearest: closest.distance, is_settled, held }
     }
 
