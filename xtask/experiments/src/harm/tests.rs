@@ -122,8 +122,8 @@ fn harmful(trial: &dyn Trial, genomes: impl Iterator<Item = Genome>) -> Vec<Stri
 /// Floor, tiles, slot, ridge, corners, bearing and clutter; among them scenes in which a contact ahead of a
 /// ridge once pushed with 2 N, one of a fine mesh over a floor with 2.4 N, one of a bent surface at a ridge
 /// with 0.24 N, in which a body lagged 30 mm behind in free air, was drawn back with 5 N by points that had
-/// not come to rest, and went 0.07 mm into a slot's floor past points at its walls. To rerun one: `cargo xtask
-/// harm --scene SEED`, in hexadecimal digits.
+/// not come to rest, and went 0.07 mm into a slot's floor past points at its walls. To rerun one:
+/// `cargo xtask harm --scene SEED`, in hexadecimal digits.
 #[test]
 fn plain_scenes_feel_right() {
     let small = [0x3, 0x4, 0x7, 0x8, 0xa, 0xb, 0x10, 0x12];
