@@ -326,11 +326,11 @@ impl Guard {
     fn limit_to(&mut self, cells: &Cells, room: f64) -> f64 {
         self.starts.sort_unstable_by(|a, b| a.least.total_cmp(&b.least));
         self.cells.clear();
-        let mut is_beyond = |start: &Start| {
+        let kept = self.starts.iter().position(|start| {
             self.cells.insert(start.cell(cells), 0);
             self.cells.len() > MAX_CELLS
-        };
-        let Some(kept) = self.starts.iter().position(&mut is_beyond) else { return f64::INFINITY };
+        });
+        let Some(kept) = kept else { return f64::INFINITY };
         let least = self.starts[kept].least();
         if least < room {
             return f64::INFINITY;

@@ -151,12 +151,8 @@ impl GuardedPoint {
             return measured;
         }
         let level = (outward - direction * slope) / (1.0 - slope * slope).sqrt();
-        // Edges that lie along each other have many normals.
-        let across_both = |along: DVec3| {
-            let both = direction.cross(sides.to_own.transform_vector3(along)).normalize_or_zero();
-            let facing = both.dot(outward);
-            if facing.abs() > ALONG_EDGE { both * facing.signum() } else { level }
-        };
+        let across_both =
+            |along: DVec3| across(direction, sides.to_own.transform_vector3(along), outward).unwrap_or(level);
         let (normal, distance) = match closest.feature {
             MeshFeature::Face(_) => {
                 let lower = if slope > 0.0 { to } else { from };
@@ -245,26 +241,22 @@ impl GuardedPoint {
         let is_other = is_near && ends <= own.to_sharp_edge(face, point, least);
         let towards = -to_other.transform_vector3(normal);
         let end = ClosestPoint { normal: towards, distance, face, ..there };
-        if is_other && leaves_an_overlap(&end, (other, own), to_own, margin) {
-            return None;
-        }
-        if !is_other {
+        if !is_other || leaves_an_overlap(&end, (other, own), to_own, margin) {
             return None;
         }
         // An edge that comes nearer beyond the plane of this surface is held across both.
-        let across = match there.feature {
+        let held = match there.feature {
             MeshFeature::Edge(edge) => {
                 let [from, to] = other.ends(edge).map(|end| to_own.transform_point3(end));
                 let direction = to - from;
                 let end = own.walk(if normal.dot(direction) > 0.0 { from } else { to }, face);
-                let both = direction.cross(normal.cross(end.normal)).normalize_or_zero();
-                let facing = both.dot(normal);
-                let is_aslant = facing.abs() > ALONG_EDGE && end.normal.dot(normal) < 1.0 - LEVEL;
-                if is_aslant { both * facing.signum() } else { normal }
+                let is_beyond = end.normal.dot(normal) < 1.0 - LEVEL;
+                let both = || across(direction, normal.cross(end.normal), normal);
+                is_beyond.then(both).flatten().unwrap_or(normal)
             }
             _ => normal,
         };
-        Some(Pair { own: point, other: at, normal: across, distance: distance * across.dot(normal) })
+        Some(Pair { own: point, other: at, normal: held, distance: distance * held.dot(normal) })
     }
 
     /// The points at which the nearest of each surface, taken in turn, end.
@@ -303,6 +295,14 @@ impl GuardedPoint {
         }
         None
     }
+}
+
+/// The unit normal across two edges, towards a unit vector; `None` if it is far from that, as those of edges
+/// that lie along each other may be.
+fn across(edge: DVec3, other: DVec3, towards: DVec3) -> Option<DVec3> {
+    let both = edge.cross(other).normalize_or_zero();
+    let facing = both.dot(towards);
+    (facing.abs() > ALONG_EDGE).then(|| both * facing.signum())
 }
 
 /// Whether a feature of a surface, with the direction towards another one and the nearest face of that, is
