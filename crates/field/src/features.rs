@@ -32,9 +32,9 @@ const MIN_SLOPE: f64 = 1e-3;
 /// coarsely; with less, single precision is too coarse.
 const MIN_STEP: f64 = 1e-6;
 
-/// Distance below which the direction from a point of an edge or vertex is rounding, m. With less, contacts
-/// at touching edges push sideways.
-const MIN_DIRECTED: f64 = 1e-9;
+/// Distance below which the direction from a point of an edge or vertex is rounding, as a fraction of the
+/// largest distance of a vertex from the mesh's origin. With less, contacts at touching edges push sideways.
+const MIN_DIRECTED: f64 = 1e-10;
 
 /// Smallest cosine of the angle between the normals of faces that are one: the edge between them is no
 /// feature. It allows for vertices in single precision.
@@ -58,6 +58,10 @@ pub struct FeatureMesh {
     exact: ExactDistance,
     tree: FeatureTree,
     is_closed: bool,
+    /// Half of the diagonal of its bounds, m.
+    size: f64,
+    /// Distance below which directions are rounding, m.
+    min_directed: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -230,6 +234,10 @@ impl FeatureMesh {
         }
         normals.iter_mut().for_each(|normal| *normal = normal.normalize_or(DVec3::Z));
         let exact = ExactDistance::new(mesh);
+        let bound =
+            |pick: fn(DVec3, DVec3) -> DVec3| vertices.iter().copied().reduce(pick).unwrap_or_default();
+        let size = 0.5 * bound(DVec3::max).distance(bound(DVec3::min));
+        let reach = vertices.iter().map(|vertex| vertex.length()).fold(0.0, f64::max);
         let mut made = Self {
             vertices: mesh.vertices().to_vec(),
             normals,
@@ -242,10 +250,17 @@ impl FeatureMesh {
             exact,
             tree: FeatureTree::default(),
             is_closed: true,
+            size,
+            min_directed: MIN_DIRECTED * reach,
         };
         made.is_closed = made.sides.iter().all(|sides| sides[1] != NONE);
         made.tree = FeatureTree::new(&made);
         made
+    }
+
+    /// Half of the diagonal of its bounds, m.
+    pub fn size(&self) -> f64 {
+        self.size
     }
 
     /// Whether the surface is not flat across an edge.
@@ -367,7 +382,7 @@ impl FeatureMesh {
         // Over a face the direction is the face's normal, at any distance.
         let normal = match feature {
             Feature::Face => outward,
-            _ if distance >= MIN_DIRECTED => (p - point) * (sign / distance),
+            _ if distance >= self.min_directed => (p - point) * (sign / distance),
             _ => outward,
         };
         let feature = match feature {

@@ -170,6 +170,33 @@ fn any_number_of_objects_is_felt() {
     assert!(records[700].object.translation.z < 0.009, "the hand does not press");
 }
 
+/// A rod among beads that it never comes to is held by the slab under it, the last of as many objects as there
+/// is room for, and one more.
+#[test]
+fn beads_aside_leave_room_for_the_slab_below() {
+    let (rod, bead) = (spindle(8, 0.002, (0.03, 0.03)), spindle(6, 0.001, (0.001, 0.001)));
+    let ring = |i: u32| {
+        let (sin, cos) = (TAU * f64::from(i % 16) / 16.0).sin_cos();
+        DVec3::new(0.005 * cos, 0.005 * sin, 0.012 * f64::from(i / 16))
+    };
+    let hand = |time: f64| DVec3::Z * (0.035 - 0.2 * (time - 0.2).max(0.0)).max(0.027);
+    let lowest = |count: u32, slab: bool, rate: f64| {
+        let mut scene: Vec<_> = (0..count).map(|i| (bead.clone(), DVec3::Z * 0.01 + ring(i))).collect();
+        scene.extend(slab.then(|| (block(DVec3::new(0.1, 0.1, 0.02)), DVec3::Z * -0.01)));
+        let (records, _) = session(&rod, &scene, hand, Response::Constraints, (rate, 0.6));
+        records.iter().map(|r| r.object.translation.z).fold(f64::INFINITY, f64::min)
+    };
+    for rate in [500.0, 50.0] {
+        for count in [64, 128] {
+            let lowest = lowest(count, true, rate);
+            println!("{count} beads, {rate} Hz: {:.1e} m above", lowest - 0.03);
+            assert!((lowest - 0.03).abs() < OVERLAP, "{count} beads, {rate} Hz: {lowest} m");
+        }
+    }
+    // Negative control: beads hold nothing.
+    assert!(lowest(64, false, 500.0) < 0.0275, "the hand does not press");
+}
+
 /// A pair takes two megabytes, most of them of its search by levels. What is known of the distances, a tenth,
 /// is given back when the body has left.
 #[test]

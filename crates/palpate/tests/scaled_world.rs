@@ -6,7 +6,7 @@ use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{
     ContactSearch, ContactSettings, CouplingSettings, DeviceSettings, SearchSettings, ToolSettings,
 };
-use palpate::{HapticRenderer, Object, Pose, Scene, SceneId, Settings, TriMesh, Twist};
+use palpate::{ContactTiming, HapticRenderer, Object, Pose, Scene, SceneId, Settings, TriMesh, Twist};
 
 /// A box with these edges about the origin, m.
 fn block(edges: DVec3) -> Object {
@@ -27,22 +27,26 @@ fn hand(time: f64) -> Pose {
     Pose::new(circle + DVec3::Z * (0.018 - 0.006 * pressed), turn)
 }
 
-/// What the hand feels of a world with lengths of `scale` times those at the device: forces (N), and the
-/// object's poses with lengths at the device. The plate rises into the box at times, so that it overlaps.
-fn felt(scale: f64, search: ContactSearch, rate: u32) -> Vec<(DVec3, Pose)> {
-    let settings = Settings {
+/// Settings of a world with lengths of `scale` times those at the device.
+fn settings(scale: f64, search: ContactSearch) -> Settings {
+    Settings {
         search: SearchSettings { tolerance: Some(5e-4 * scale), method: search, ..SearchSettings::default() },
         tool: ToolSettings { mass: 0.05, unusual_size: true, ..ToolSettings::default() },
         coupling: CouplingSettings { stiffness: Some(500.0), ..CouplingSettings::default() },
         contact: ContactSettings { friction: 0.3, ..ContactSettings::default() },
         device: DeviceSettings { workspace_scale: scale, ..DeviceSettings::default() },
         ..Settings::default()
-    };
+    }
+}
+
+/// What the hand feels of a world with lengths of `scale` times those at the device: forces (N), and the
+/// object's poses with lengths at the device. The plate rises into the box at times, so that it overlaps.
+fn felt(scale: f64, search: ContactSearch, rate: u32) -> Vec<(DVec3, Pose)> {
     let (probe, plate) = (block(DVec3::splat(0.03 * scale)), block(DVec3::new(0.1, 0.1, 0.005) * scale));
     let below = |rise: f64| Pose::from_translation(DVec3::Z * (scale * (rise - 0.0025)));
     let scene = Scene::new().with(plate, below(0.0));
     let device = Emulation::default().open(IntendedPath::Still(hand(0.0))).expect("an emulation");
-    let renderer = HapticRenderer::new(probe, scene, Box::new(device), settings);
+    let renderer = HapticRenderer::new(probe, scene, Box::new(device), settings(scale, search));
     let mut renderer = renderer.expect("a session");
     let mut editor = renderer.scene_editor();
     let (mut haptic, mut contact, _) = renderer.into_loops();
@@ -90,6 +94,43 @@ fn a_scaled_world_feels_the_same() {
             println!("{case}");
             // Twice what was found.
             assert!(force < 0.03 * most && shift < 5e-5 && turn < 0.012, "{case}");
+        }
+    }
+}
+
+/// Largest force (N) on a hand that speeds up from rest above a plate, beside and away from it, with contacts
+/// at a rate (Hz); and how often the body waited.
+fn carried(scale: f64, height: f64, rate: f64) -> (f64, u64) {
+    let hand = move |time: f64| {
+        let aside = 0.02 * (1.0 - (20.0 * (time - 0.3).clamp(0.0, 0.3)).cos());
+        let up = 0.5 * 20.0 * (time - 0.7).clamp(0.0, 0.05).powi(2) + (time - 0.75).clamp(0.0, 0.03);
+        DVec3::new(aside, 0.0, height + up)
+    };
+    let path = IntendedPath::function(move |time| {
+        let linear = (hand(time + 5e-5) - hand(time - 5e-5)) / 1e-4;
+        (Pose::from_translation(hand(time)), Twist::new(linear, DVec3::ZERO))
+    });
+    let (probe, plate) = (block(DVec3::splat(0.01 * scale)), block(DVec3::new(0.2, 0.2, 0.005) * scale));
+    let scene = Scene::new().with(plate, Pose::from_translation(DVec3::Z * -0.0025 * scale));
+    let device = Emulation::default().open(path).expect("an emulation");
+    let renderer =
+        HapticRenderer::new(probe, scene, Box::new(device), settings(scale, ContactSearch::Levels));
+    let mut session = renderer.expect("a session").lockstep(ContactTiming::busy(rate));
+    let force = (0..1000).map(|_| session.step_device().coupling.force.length()).fold(0.0, f64::max);
+    (force, session.events().waited)
+}
+
+/// How far a query looks ahead was that of a body with so many metres per second squared, whatever the scale:
+/// a world of a thousand times the size held the body back.
+#[test]
+fn a_hand_that_speeds_up_is_not_held_back_in_a_scaled_world() {
+    for (height, rate) in [(0.006, 500.0), (0.006, 50.0), (0.06, 50.0)] {
+        let usual = carried(1.0, height, rate);
+        for scale in [1e3, 1e-3] {
+            let scaled = carried(scale, height, rate);
+            println!("{height} m, {rate} Hz, scale {scale}: {scaled:.4?} of {usual:.4?} (N, waited)");
+            assert!((scaled.0 - usual.0).abs() < 0.02 * usual.0, "{height} m, {rate} Hz, scale {scale}");
+            assert_eq!(scaled.1, usual.1, "{height} m, {rate} Hz, scale {scale}");
         }
     }
 }

@@ -583,7 +583,7 @@ mod tests {
             let frames = made.frames(&Pose::IDENTITY);
             let point = |i: usize| {
                 let within = (frames[i % 3].own(true).place_near(DVec3::X), 0.1);
-                GuardedPoint::new(within, 0, true, (i % 3) as u8, &frames[i % 3])
+                GuardedPoint::new(within, 0, true, (i % 3) as u8, (&frames[i % 3], 0.0))
             };
             (0..count).map(point).collect()
         };

@@ -395,20 +395,18 @@ impl Guard {
         let later = MAX_LATER * limits.edge;
         for &index in chosen.iter() {
             let start = starts[index as usize];
-            let Start { on, is_probe, leash, object: (object, _), .. } = start;
+            let Start { on, is_probe, leash, least, object: (object, _), .. } = start;
             let Some(frames) = frames.get(usize::from(object)) else { continue };
             let within = (on, cells.edge.max(leash.into()));
             let key = start.cell(cells);
             let feature = start.feature();
             let before = known.points.get(&feature).or_else(|| known.points.get(&key));
-            let before = before.map(|known| known.resumed(object, frames));
+            let before = before.map(|known| known.resumed(object, frames, least));
             // It may have gone on to where a surface is no longer the nearest.
             let mut point = before
                 .filter(|point| f64::from(point.slack) < f64::from(start.distance + start.apart) + later)
-                .unwrap_or_else(|| GuardedPoint::new(within, start.hint, is_probe, object, frames));
+                .unwrap_or_else(|| GuardedPoint::new(within, start.hint, is_probe, object, (frames, least)));
             point.hidden = start.hidden;
-            // Should its descent not have ended, what it stands for is known to be at least that far.
-            point.slack = point.slack.max(start.least);
             points.push(point);
             known.next.insert(key, point);
             known.next.insert(feature, point);

@@ -2,6 +2,7 @@
 
 mod touching_features;
 
+use self::touching_features::TILT;
 pub(super) use touching_features::OVERLAP;
 
 use palpate_core::Pose;
@@ -27,8 +28,9 @@ const MIN_STRIDE: f32 = 1.0 / 64.0;
 const LONGER: f32 = 4.0;
 const SHORTER: f64 = 0.25;
 
-/// Smallest gain in distance for which a point moves, m. With less, rounding moves it.
-const MIN_DESCENT: f64 = 1e-8;
+/// Smallest gain in distance for which a point moves, as a fraction of the size of the body in the hand. With
+/// less, rounding moves it.
+const MIN_DESCENT: f64 = 2e-7;
 
 /// Distance at which a point looks for other faces that are nearer, in those at which it last did. At 2 it
 /// may already have met one.
@@ -112,6 +114,8 @@ pub(crate) struct Frames<'a> {
     object: (&'a FeatureMesh, DAffine3),
     to_object: DAffine3,
     to_probe: DAffine3,
+    /// Smallest gain in distance for which a point moves, m.
+    min_descent: f64,
     /// Distance at which the surfaces are held apart, m, if they have overlapped from the start.
     margin: Option<f64>,
 }
@@ -135,6 +139,7 @@ impl<'a> Frames<'a> {
             object: (object.0, affine(object.1)),
             to_object: affine(&to_object),
             to_probe: affine(&to_object.inverse()),
+            min_descent: MIN_DESCENT * probe.0.size(),
             margin: None,
         }
     }
@@ -164,13 +169,13 @@ impl<'a> Frames<'a> {
 
 impl GuardedPoint {
     /// A point that starts at a place and stays within `length` (m) of there. `hint` is for a search of the
-    /// other surface.
+    /// other surface. Nothing that it stands for is nearer to that than `least` (m).
     pub fn new(
         (place, length): (Place, f64),
         hint: u32,
         is_probe: bool,
         index: u8,
-        frames: &Frames<'_>,
+        (frames, least): (&Frames<'_>, f32),
     ) -> Self {
         let Sides { own, other, to_other, .. } = frames.sides(is_probe);
         let home = own.position(&place);
@@ -188,25 +193,26 @@ impl GuardedPoint {
             hidden: 0.0,
             checked: 0.0,
         };
-        point.settle(frames);
+        point.settle(frames, least);
         point
     }
 
     /// The point of an earlier query at new poses. `index` is that of the scene object now.
-    pub fn resumed(&self, index: u8, frames: &Frames<'_>) -> Self {
+    pub fn resumed(&self, index: u8, frames: &Frames<'_>, least: f32) -> Self {
         // How far the bodies have moved is not known.
         let mut point = Self { object: index, trust: 0.0, ..*self };
-        point.settle(frames);
+        point.settle(frames, least);
         point
     }
 
-    /// Descends as far as it goes. Should it not end, points near it may be nearer by twice the leash.
-    fn settle(&mut self, frames: &Frames<'_>) {
+    /// Descends as far as it goes. Should it not end, points near it may be nearer by twice the leash, but are
+    /// no nearer than is known.
+    fn settle(&mut self, frames: &Frames<'_>, least: f32) {
         let Descent { closest, is_settled, .. } = self.descend(frames, MAX_FIRST_MOVES, f64::INFINITY);
-        let nearer = if is_settled { 0.0 } else { 2.0 * self.leash.length };
         let distance = closest.distance as f32;
+        let nearer = || (distance - 2.0 * self.leash.length).max(least).max(0.0);
         self.checked = distance;
-        self.slack = distance.min((distance - nearer).max(0.0));
+        self.slack = if is_settled { distance } else { distance.min(nearer()) };
     }
 
     /// Moves the point to where its surface is nearest to the other one, and measures it. `slack` (m) is what
@@ -230,7 +236,7 @@ impl GuardedPoint {
                 self.trust = 0.0;
                 let descent = Descent { position, closest, is_settled: true };
                 // From a vertex that is the lowest, the direction is a normal of both sides.
-                if matches!(self.place, Place::Vertex(_)) {
+                if matches!(self.place, Place::Vertex(_)) && self.tilt(frames, &closest) <= TILT {
                     return self.measured(frames, &descent);
                 }
                 descent
@@ -244,6 +250,13 @@ impl GuardedPoint {
             return self.measured(frames, &descent);
         }
         self.touching(frames, &descent)
+    }
+
+    /// How far the direction from the other surface is outside of the normals there, as a slope.
+    #[inline(always)]
+    fn tilt(&self, frames: &Frames<'_>, closest: &ClosestPoint) -> f64 {
+        let Sides { own, to_own, .. } = frames.sides(self.is_probe);
+        own.rise(self.place.into(), -to_own.transform_vector3(closest.normal))
     }
 
     /// The measurement of a point by the direction from the other surface.
@@ -293,7 +306,7 @@ impl GuardedPoint {
         let Sides { own, other, to_other, .. } = frames.sides(self.is_probe);
         let at = to_other.transform_point3(own.position(&self.place));
         let Some(nearer) = other.nearer(at, distance) else { return (distance, false) };
-        let is_other = nearer.face != self.face && nearer.distance < distance - MIN_DESCENT;
+        let is_other = nearer.face != self.face && nearer.distance < distance - frames.min_descent;
         if is_other {
             (self.face, self.checked) = (nearer.face, nearer.distance as f32);
         }
@@ -357,9 +370,10 @@ impl GuardedPoint {
                 is_settled = true;
                 break;
             }
-            if fallen < MIN_DESCENT {
+            if fallen < frames.min_descent {
                 let normals = [normal, to_own.transform_vector3(found.normal)];
-                let Some(share) = self.share(&place, &closest, &found, normals, way) else {
+                let Some(share) = self.share(&place, (&closest, &found), normals, way, frames.min_descent)
+                else {
                     is_settled = true;
                     break;
                 };
@@ -421,10 +435,10 @@ impl GuardedPoint {
     fn share(
         &self,
         to: &Place,
-        before: &ClosestPoint,
-        after: &ClosestPoint,
+        (before, after): (&ClosestPoint, &ClosestPoint),
         normals: [DVec3; 2],
         way: DVec3,
+        min_descent: f64,
     ) -> Option<f32> {
         if matches!((self.place, to), (Place::Edge(from, _), Place::Edge(to, _)) if from != *to) {
             // Ways across a face have no share.
@@ -433,7 +447,7 @@ impl GuardedPoint {
         let [slope, beyond] = normals.map(|normal| normal.dot(way));
         let share = (after.distance - before.distance - beyond) / (slope - beyond);
         let share = if beyond > 0.0 && share > 0.0 && share < 1.0 { share } else { SHORTER };
-        (-slope * share > MIN_DESCENT).then_some(share as f32)
+        (-slope * share > min_descent).then_some(share as f32)
     }
 
     /// Key by which points that have descended to the same place are found.

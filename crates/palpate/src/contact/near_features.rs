@@ -455,3 +455,6 @@ fn with_hint(node: &FeatureNode, readings: &mut [Reading], hint: u32) -> Range<u
     }
     node.children.clone()
 }
+
+#[cfg(test)]
+mod tests;

@@ -27,6 +27,10 @@ use super::{Descent, Frames, GuardedPoint, Measured, Sides};
 /// the features that touch.
 const LEVEL: f64 = 2e-3;
 
+/// Slope from which such a direction gives way to the normal of the surface that goes on beyond the other one.
+/// With more, heavy bodies are pushed sideways; with less, steps take longer.
+pub(super) const TILT: f64 = 1e-4;
+
 /// Slope beyond the normals of a feature, relative to its sharpness, up to which it stands for another one
 /// nearby. With more, surfaces are pushed sideways at edges inside bent faces; with less, points on leashes
 /// do not hold what touches beside them.
@@ -90,40 +94,41 @@ impl GuardedPoint {
         let sides = frames.sides(self.is_probe);
         let outward = |descent: &Descent| -sides.to_own.transform_vector3(descent.closest.normal);
         let (mut descent, mut rise) = (*descent, sides.own.rise(self.place.into(), outward(descent)));
+        if rise > LEVEL {
+            let Descent { position, closest, .. } = descent;
+            let (normal, feature) = (outward(&descent), self.place.into());
+            let here = ClosestPoint { point: position, normal, feature, ..closest };
+            if leaves_an_overlap(&here, (sides.own, sides.other), sides.to_other, frames.margin) {
+                return Measured { distance: f64::INFINITY, ..self.measured(frames, &descent) };
+            }
+            if !descent.is_settled {
+                descent = self.descend(frames, MAX_FURTHER_MOVES, f64::NEG_INFINITY);
+                rise = sides.own.rise(self.place.into(), outward(&descent));
+            }
+        }
+        let facing = |within: f64| self.facing((&sides, frames.margin), &descent, (rise / BLUNT, within));
+        if rise <= LEVEL {
+            // The surface that goes on beyond the other one has the normal.
+            let pair = if rise > TILT { facing(f64::MAX) } else { None };
+            return pair.map_or_else(
+                || self.measured(frames, &descent),
+                |pair| self.at_pair(frames, &descent, &pair),
+            );
+        }
+        let Descent { closest, .. } = descent;
+        let is_held = rise <= BLUNT * sides.own.sharpness(self.place.into());
         // A sharp feature over a face may not pass that.
-        let is_over_face = |descent: &Descent| {
-            descent.closest.distance >= 0.0 && matches!(descent.closest.feature, MeshFeature::Face(_))
-        };
-        let is_sharp = |point: &Self, rise: f64| rise <= BLUNT * sides.own.sharpness(point.place.into());
-        if rise <= LEVEL {
-            return self.measured(frames, &descent);
-        }
-        let Descent { position, closest, .. } = descent;
-        let (normal, feature) = (outward(&descent), self.place.into());
-        let here = ClosestPoint { point: position, normal, feature, ..closest };
-        if leaves_an_overlap(&here, (sides.own, sides.other), sides.to_other, frames.margin) {
-            return Measured { distance: f64::INFINITY, ..self.measured(frames, &descent) };
-        }
-        if !descent.is_settled {
-            descent = self.descend(frames, MAX_FURTHER_MOVES, f64::NEG_INFINITY);
-            rise = sides.own.rise(self.place.into(), outward(&descent));
-        }
-        if rise <= LEVEL {
-            return self.measured(frames, &descent);
-        }
-        if is_over_face(&descent) && is_sharp(self, rise) {
+        if is_held && closest.distance >= 0.0 && matches!(closest.feature, MeshFeature::Face(_)) {
             // Unless it is an edge that has come to one of that face's.
             return match self.crossing(&sides, &descent) {
                 Some(pair) => self.at_pair(frames, &descent, &pair),
                 None => self.across(frames, &sides, &descent, true),
             };
         }
-        let is_held = is_sharp(self, rise);
         let pair = self.crossing(&sides, &descent).or_else(|| self.in_turn(&sides, &descent));
-        let is_held = is_held || descent.closest.distance < 0.0;
-        let facing =
-            || if is_held { None } else { self.facing((&sides, frames.margin), &descent, rise / BLUNT) };
-        match pair.or_else(facing) {
+        let is_held = is_held || closest.distance < 0.0;
+        let within = NEARBY * (f64::from(self.leash.length) + closest.distance.abs());
+        match pair.or_else(|| if is_held { None } else { facing(within) }) {
             Some(pair) => self.at_pair(frames, &descent, &pair),
             None => self.across(frames, &sides, &descent, is_held),
         }
@@ -223,12 +228,12 @@ impl GuardedPoint {
     }
 
     /// The other surface's nearest point with its own nearest on this surface, which is flat there, if it is
-    /// the other one that ends nearby, at an edge sharper than `least`.
+    /// the other one that ends nearby: `within` a distance (m), at an edge sharper than `least`.
     fn facing(
         &self,
         (sides, margin): (&Sides<'_>, Option<f64>),
         descent: &Descent,
-        least: f64,
+        (least, within): (f64, f64),
     ) -> Option<Pair> {
         let Sides { own, other, to_own, to_other } = *sides;
         let there = descent.closest;
@@ -237,8 +242,7 @@ impl GuardedPoint {
         let ends = other.to_sharp_edge(there.face, there.point, least);
         let ClosestPoint { point, normal, distance, face, .. } = here;
         // Where it ends further away than the point has to go, that does not matter here.
-        let is_near = ends <= NEARBY * (f64::from(self.leash.length) + there.distance.abs());
-        let is_other = is_near && ends <= own.to_sharp_edge(face, point, least);
+        let is_other = ends <= within && ends <= own.to_sharp_edge(face, point, least);
         let towards = -to_other.transform_vector3(normal);
         let end = ClosestPoint { normal: towards, distance, face, ..there };
         if !is_other || leaves_an_overlap(&end, (other, own), to_own, margin) {

@@ -1,0 +1,146 @@
+//! What a search passes on, and the bound that it claims, against distances from a box by formula.
+
+use std::collections::HashMap;
+use std::f64::consts::{PI, TAU};
+
+use palpate_core::TriMesh;
+use palpate_core::glam::DQuat;
+use rand::rngs::StdRng;
+use rand::{RngExt as _, SeedableRng as _};
+
+use super::*;
+
+/// Half of the edges of the box, m.
+const HALF: DVec3 = DVec3::new(0.06, 0.04, 0.01);
+
+/// Distance of a point from the box, m.
+fn distance(p: DVec3) -> f64 {
+    let off = p.abs() - HALF;
+    off.max(DVec3::ZERO).length() + off.max_element().min(0.0)
+}
+
+fn corner(i: u32) -> DVec3 {
+    2.0 * DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 1.0
+}
+
+fn block(half: DVec3) -> TriMesh {
+    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    TriMesh::new((0..8).map(|i| corner(i) * half).collect(), triangles).expect("a box")
+}
+
+/// A ball of `2 sides²` triangles.
+fn ball(radius: f64, sides: u32) -> TriMesh {
+    let at = |ring: u32, i: u32| 1 + (ring - 1) * sides + i % sides;
+    let ring = |ring: u32| {
+        (0..sides).map(move |i| {
+            let (down, around) =
+                (PI * f64::from(ring) / f64::from(sides), TAU * f64::from(i) / f64::from(sides));
+            radius * DVec3::new(down.sin() * around.cos(), down.sin() * around.sin(), down.cos())
+        })
+    };
+    let mut vertices = vec![DVec3::Z * radius];
+    vertices.extend((1..sides).flat_map(ring));
+    vertices.push(DVec3::NEG_Z * radius);
+    let last = vertices.len() as u32 - 1;
+    let caps = (0..sides)
+        .flat_map(|i| [[0, at(1, i), at(1, i + 1)], [last, at(sides - 1, i + 1), at(sides - 1, i)]]);
+    let sides = (1..sides - 1).flat_map(|ring| (0..sides).map(move |i| (ring, i))).flat_map(|(ring, i)| {
+        let [a, b, c, d] = [at(ring, i), at(ring, i + 1), at(ring + 1, i), at(ring + 1, i + 1)];
+        [[a, c, b], [b, c, d]]
+    });
+    TriMesh::new(vertices, caps.chain(sides).collect()).expect("a ball")
+}
+
+/// Places along the edges of a mesh at which it is not flat.
+fn places(mesh: &TriMesh) -> Vec<DVec3> {
+    let normal = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).normalize();
+    let mut known = HashMap::new();
+    let mut places = Vec::new();
+    for (index, triangle) in mesh.triangles().iter().enumerate() {
+        let (corners, normal) = (mesh.corners(index), normal(mesh.corners(index)));
+        for i in 0..3 {
+            let (from, to) = (triangle[i], triangle[(i + 1) % 3]);
+            known.insert([from, to], normal);
+            if known.get(&[to, from]).is_some_and(|other| other.dot(normal) < 1.0 - 1e-6) {
+                let at = |part: u32| corners[i].lerp(corners[(i + 1) % 3], f64::from(part) / 16.0);
+                places.extend((0..=16).map(at));
+            }
+        }
+    }
+    places
+}
+
+/// A body wanders about the box. Whatever is nearer than the bound that is claimed is passed on, by a start
+/// that may move to it and does not claim more room for it than there is. The bound is not far below the
+/// distance.
+#[test]
+fn all_that_is_nearer_than_the_bound_is_passed_on() {
+    let scene = FeatureMesh::new(&block(HALF));
+    let (mut near, mut inside) = (0, 0);
+    for (name, mesh) in [
+        ("box", block(DVec3::new(0.02, 0.01, 0.03))),
+        ("needle", block(DVec3::new(2e-4, 2e-4, 0.04))),
+        ("ball", ball(0.03, 48)),
+    ] {
+        let probe = FeatureMesh::new(&mesh);
+        let radius = mesh.vertices().iter().map(|vertex| vertex.length()).fold(0.0, f64::max);
+        let places = places(&mesh);
+        let mut rng = StdRng::seed_from_u64(0x9EA2);
+        let mut known = NearFeatures::default();
+        let random =
+            |rng: &mut StdRng| DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
+        let mut pose = Pose::from_translation(DVec3::Z * 0.08);
+        let (mut claimed, mut gap) = (f64::INFINITY, 0.05);
+        for step in 0..600 {
+            let motion = [1e-4, 1e-3, 5e-3, 0.0][step / 4 % 4];
+            let turn = DQuat::from_scaled_axis(random(&mut rng) * 20.0 * motion);
+            // To and fro between a millimetre from the box and three centimetres.
+            let drift =
+                if gap > [1e-3, 0.03][step / 50 % 2] { -0.7 } else { 0.7 } * pose.translation.normalize();
+            let shift = (random(&mut rng) + drift) * motion;
+            let to = Pose::new(pose.translation + shift, turn * pose.rotation);
+            let gaps = places.iter().map(|place| distance(to.transform_point(*place)));
+            let least = gaps.fold(f64::INFINITY, f64::min);
+            if least < 1e-6 {
+                continue;
+            }
+            (pose, gap) = (to, least);
+            let edge = 0.02 * radius;
+            let reach = [2e-3, 1e-2][step / 100 % 2];
+            let reaches = Reaches { reach, enough: 0.03, edge, long: 2.0 * edge };
+            let mut found = Vec::new();
+            let (own, other) = ((&probe, &pose), (&scene, &Pose::IDENTITY));
+            let room = known.find(own, other, (DVec3::ZERO, radius), &reaches, |near| found.push(*near));
+            assert!(room >= reach * (1.0 - 1e-6), "{name}, {step}: {room} m of room, {reach} m asked for");
+            let missed = |place: DVec3, count: &mut u64| {
+                let there = distance(pose.transform_point(place));
+                let is_near = there < room - 1e-9;
+                *count += u64::from(is_near);
+                is_near
+                    && !found.iter().any(|start| {
+                        start.is_probe
+                            && start.point.distance(place) <= start.leash + 1e-9
+                            && start.least <= there + 1e-9
+                    })
+            };
+            for place in &places {
+                assert!(!missed(*place, &mut near), "{name}, {step}: {place} is passed over, {room} m");
+            }
+            // Negative control: insides of large faces are not passed on.
+            inside += (0..mesh.triangles().len())
+                .filter(|face| {
+                    let [a, b, c] = mesh.corners(*face);
+                    missed((a + b + c) / 3.0, &mut 0)
+                })
+                .count();
+            if least > reach && motion == 0.0 {
+                claimed = claimed.min(room / least.min(reaches.enough));
+            }
+        }
+        println!("{name}: {claimed:.2} of the distance is claimed at least");
+        assert!(claimed > 0.3, "{name}: {claimed} of the distance");
+    }
+    println!("{near} places near, {inside} insides of faces passed over");
+    assert!(near > 10_000 && inside > 20, "{near} places near, {inside} insides of faces passed over");
+}
