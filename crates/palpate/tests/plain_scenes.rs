@@ -170,8 +170,8 @@ fn any_number_of_objects_is_felt() {
     assert!(records[700].object.translation.z < 0.009, "the hand does not press");
 }
 
-/// A rod among beads that it never comes to is held by the slab under it, the last of as many objects as there
-/// is room for, and one more.
+/// A rod among beads that it never comes to is held by the slab under it, the last of as many objects as
+/// there is room for, and one more.
 #[test]
 fn beads_aside_leave_room_for_the_slab_below() {
     let (rod, bead) = (spindle(8, 0.002, (0.03, 0.03)), spindle(6, 0.001, (0.001, 0.001)));

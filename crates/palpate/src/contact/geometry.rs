@@ -20,7 +20,7 @@ use crate::scene::moving::Pushable;
 
 /// Largest number of guarded points. With more, it takes longer to copy them; with fewer, minima of the
 /// distance between detailed surfaces are missed.
-pub(crate) const MAX_POINTS: usize = 768;
+pub(crate) const MAX_POINTS: usize = 1024;
 
 /// Number of numbers that are compared at once.
 const LANES: usize = 8;

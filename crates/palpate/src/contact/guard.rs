@@ -4,6 +4,7 @@
 //! Points start at the nearest convex feature in each small cell of the region of contact, and at each tip
 //! there. Each descends to a local minimum of the distance between the surfaces.
 
+use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -238,6 +239,11 @@ impl Start {
     }
 }
 
+/// The nearest points first.
+fn order(a: &GuardedPoint, b: &GuardedPoint) -> Ordering {
+    a.slack.total_cmp(&b.slack).then_with(|| a.place_key().cmp(&b.place_key()))
+}
+
 impl Guard {
     pub fn new() -> Self {
         Self {
@@ -305,7 +311,11 @@ impl Guard {
             }
             if is_last || !self.are_too_many(limits.near) {
                 self.make(geometry, mesh, limits, &cells);
-                let near = self.points.iter().filter(|point| f64::from(point.slack) < limits.near).count();
+                let mut near = self.near(limits.near);
+                if near > MAX_NEAR {
+                    self.merge(limits.near);
+                    near = self.near(limits.near);
+                }
                 let fits = |next: &GuardedPoint| room_at(self.coarseness, limits) <= next.slack.into();
                 let all_fit = self.points.get(MAX_POINTS).is_none_or(fits);
                 if is_last || (all_fit && near <= MAX_NEAR) {
@@ -349,6 +359,27 @@ impl Guard {
     fn near_cells(&self, near: f64) -> usize {
         let near = near as f32;
         self.cells.values().filter(|index| self.starts[**index as usize].distance < near).count()
+    }
+
+    /// Number of points within a distance (m).
+    fn near(&self, distance: f64) -> usize {
+        self.points.partition_point(|point| f64::from(point.slack) < distance)
+    }
+
+    /// Makes the points within a distance (m) that have descended to the same place one.
+    fn merge(&mut self, distance: f64) {
+        let near = self.near(distance);
+        let slack = |point: &GuardedPoint| f64::from(point.slack);
+        self.points[..near]
+            .sort_unstable_by(|a, b| a.place_key().cmp(&b.place_key()).then(a.slack.total_cmp(&b.slack)));
+        self.points.dedup_by(|next, kept| {
+            let is_same = slack(next) < distance && next.is_at(kept);
+            if is_same {
+                kept.stand_for(next);
+            }
+            is_same
+        });
+        self.points.sort_unstable_by(order);
     }
 
     /// Chooses the nearest start of each cell, and ends early with more than `most` cells.
@@ -412,9 +443,6 @@ impl Guard {
             known.next.insert(feature, point);
         }
         known.step();
-        let order = |a: &GuardedPoint, b: &GuardedPoint| {
-            a.slack.total_cmp(&b.slack).then_with(|| a.place_key().cmp(&b.place_key()))
-        };
         self.points.sort_unstable_by(order);
         self.points.dedup_by_key(|point| point.place_key());
     }

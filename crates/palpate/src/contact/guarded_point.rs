@@ -2,7 +2,6 @@
 
 mod touching_features;
 
-use self::touching_features::TILT;
 pub(super) use touching_features::OVERLAP;
 
 use palpate_core::Pose;
@@ -205,8 +204,8 @@ impl GuardedPoint {
         point
     }
 
-    /// Descends as far as it goes. Should it not end, points near it may be nearer by twice the leash, but are
-    /// no nearer than is known.
+    /// Descends as far as it goes. Should it not end, points near it may be nearer by twice the leash, but
+    /// are no nearer than is known.
     fn settle(&mut self, frames: &Frames<'_>, least: f32) {
         let Descent { closest, is_settled, .. } = self.descend(frames, MAX_FIRST_MOVES, f64::INFINITY);
         let distance = closest.distance as f32;
@@ -236,7 +235,7 @@ impl GuardedPoint {
                 self.trust = 0.0;
                 let descent = Descent { position, closest, is_settled: true };
                 // From a vertex that is the lowest, the direction is a normal of both sides.
-                if matches!(self.place, Place::Vertex(_)) && self.tilt(frames, &closest) <= TILT {
+                if matches!(self.place, Place::Vertex(_)) && self.is_normal(frames, &closest) {
                     return self.measured(frames, &descent);
                 }
                 descent
@@ -252,13 +251,6 @@ impl GuardedPoint {
         self.touching(frames, &descent)
     }
 
-    /// How far the direction from the other surface is outside of the normals there, as a slope.
-    #[inline(always)]
-    fn tilt(&self, frames: &Frames<'_>, closest: &ClosestPoint) -> f64 {
-        let Sides { own, to_own, .. } = frames.sides(self.is_probe);
-        own.rise(self.place.into(), -to_own.transform_vector3(closest.normal))
-    }
-
     /// The measurement of a point by the direction from the other surface.
     #[inline(always)]
     fn measured(&self, frames: &Frames<'_>, descent: &Descent) -> Measured {
@@ -270,7 +262,8 @@ impl GuardedPoint {
             let outward = frames.probe.1.transform_vector3(closest.normal);
             (frames.probe.1.transform_point3(closest.point), outward)
         };
-        let held = self.held(frames, closest.feature, normal);
+        let is_over_face = self.is_probe && matches!(closest.feature, MeshFeature::Face(_));
+        let held = if is_over_face { 1.0 } else { self.held(frames, closest.feature, normal) };
         let distance = closest.distance;
         Measured { point, normal, distance, nearest: distance, is_settled, held }
     }
@@ -282,9 +275,6 @@ impl GuardedPoint {
     #[inline(always)]
     fn held(&self, frames: &Frames<'_>, feature: MeshFeature, normal: DVec3) -> f64 {
         let feature = if self.is_probe { feature } else { self.place.into() };
-        if matches!(feature, MeshFeature::Face(_)) {
-            return 1.0;
-        }
         let out = frames.object.1.matrix3.transpose() * -normal;
         (1.0 - MITER * (1.0 - frames.object.0.facing(feature, out))).clamp(LEAST_HELD, 1.0)
     }
@@ -355,7 +345,8 @@ impl GuardedPoint {
         let mut position = own.position(&self.place);
         let mut closest = other.walk(to_other.transform_point3(position), self.face);
         closest = self.checked(&sides, position, closest, least);
-        let (mut stride, mut is_settled, mut is_moved) = (self.stride, false, false);
+        let (mut stride, mut is_settled) = (self.stride, false);
+        let (mut is_moved, mut is_cut) = (false, false);
         for _ in 0..moves {
             let normal = to_own.transform_vector3(closest.normal);
             let Some(place) = own.descend(&self.place, normal, stride.into(), &self.leash) else {
@@ -370,16 +361,20 @@ impl GuardedPoint {
                 is_settled = true;
                 break;
             }
-            if fallen < frames.min_descent {
-                let normals = [normal, to_own.transform_vector3(found.normal)];
+            let normals = [normal, to_own.transform_vector3(found.normal)];
+            // A short way may lead down by too little where a longer one does not.
+            let goes_on = !is_cut && stride < 1.0 && fallen > 0.0 && normals[1].dot(way) < 0.0;
+            if fallen < frames.min_descent && !goes_on {
                 let Some(share) = self.share(&place, (&closest, &found), normals, way, frames.min_descent)
                 else {
                     is_settled = true;
                     break;
                 };
                 stride *= share;
+                is_cut = true;
                 continue;
             }
+            is_cut &= fallen < frames.min_descent;
             stride = (LONGER * stride).min(1.0);
             self.trust -= way.length() as f32;
             is_moved = true;
@@ -450,13 +445,25 @@ impl GuardedPoint {
         (-slope * share > min_descent).then_some(share as f32)
     }
 
-    /// Key by which points that have descended to the same place are found.
-    pub fn place_key(&self) -> (u8, bool, u32, u32, u64, u32) {
+    /// Whether another point has descended to the same place.
+    pub fn is_at(&self, other: &Self) -> bool {
+        self.place_key().0 == other.place_key().0
+    }
+
+    /// Lets the point go wherever another one may.
+    pub fn stand_for(&mut self, other: &Self) {
+        let away = self.leash.home.distance(other.leash.home) as f32;
+        self.leash.length = self.leash.length.max(away + other.leash.length);
+        self.hidden = self.hidden.max(other.hidden);
+    }
+
+    /// Key of the place that the point has descended to, and its leash.
+    pub fn place_key(&self) -> ((u8, bool, u32, u32, u64), u32) {
         let (feature, at) = match self.place {
             Place::Vertex(vertex) => (vertex, u64::MAX),
             Place::Edge(edge, at) => (edge, (at * 256.0) as u64),
         };
-        (self.object, self.is_probe, self.face, feature, at, self.leash.length.to_bits())
+        ((self.object, self.is_probe, self.face, feature, at), self.leash.length.to_bits())
     }
 }
 

@@ -39,8 +39,8 @@ const MAX_INTERVAL: f64 = 0.1;
 /// Query interval for which a body that is clear of all surfaces has room before any is known, s.
 const FIRST_INTERVAL: f64 = 0.02;
 
-/// Acceleration of a body that its coupling pulls, m/s² at the device. With less, a body that speeds up is held
-/// back; with more, points are guarded that it does not reach.
+/// Acceleration of a body that its coupling pulls, m/s² at the device. With less, a body that speeds up is
+/// held back; with more, points are guarded that it does not reach.
 const ACCELERATION: f64 = 5.0;
 
 /// The same of a body that has waited: nothing holds it against its coupling then.
@@ -58,8 +58,8 @@ const MAX_STARTS: usize = 131_072;
 /// meshes touch are left out; with less, edges of fine meshes are searched one by one.
 const LONG: f64 = 2.0;
 
-/// Acceleration of a hand, m/s² at the device, at which a body that is clear of all surfaces is not held back.
-/// With more, it takes longer to find how far it is clear of them.
+/// Acceleration of a hand, m/s² at the device, at which a body that is clear of all surfaces is not held
+/// back. With more, it takes longer to find how far it is clear of them.
 const HAND_ACCELERATION: f64 = 50.0;
 
 /// Time of motion within which a step may meet a point, s. With more, cells are larger than they need to be.
@@ -85,7 +85,9 @@ impl ContactLoop {
     /// body has no surface.
     pub(super) fn guard(&mut self, body: &BodyState, pull: &Pull) -> Option<ContactGeometry> {
         let tolerance = self.parameters.tolerance;
-        let interval = if self.interval > 0.0 { self.interval.min(MAX_INTERVAL) } else { 0.0 };
+        // Steps of a loop between those of another one take turns of one and of two.
+        let longest = self.interval.max(self.before);
+        let interval = if longest > 0.0 { longest.min(MAX_INTERVAL) } else { 0.0 };
         let ahead = INTERVALS * interval;
         let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
         // A body that waits is slow, and goes on with the hand.

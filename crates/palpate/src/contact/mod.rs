@@ -163,9 +163,10 @@ pub struct ContactLoop {
     /// Bounding radius of the probe about its centre of mass, m.
     radius: f64,
     lookahead: Lookahead,
-    /// Time of the last step, and since the one before, s.
+    /// Time of the last step, since the one before, and between that and the one before it, s.
     time: f64,
     interval: f64,
+    before: f64,
     telemetry: ContactTelemetry,
     /// What has run so far.
     ran: Ran,
@@ -229,6 +230,7 @@ impl ContactLoop {
             lookahead: Lookahead::new(braking || proxy, parameters.tolerance, radius),
             time: f64::NAN,
             interval: f64::NAN,
+            before: f64::NAN,
             telemetry: ContactTelemetry::default(),
             ran: Ran { objects: scene.len(), ..Ran::default() },
             monitored: None,
@@ -250,6 +252,7 @@ impl ContactLoop {
     /// The same for an object that the hand pulls ([`HapticLoop::pull`](crate::HapticLoop::pull)): without
     /// it, one that lags behind a fast hand near surfaces may wait for contacts.
     pub fn step_pulled(&mut self, body: &BodyState, pull: &Pull, time: f64) -> ContactUpdate {
+        self.before = self.interval;
         self.interval = time - std::mem::replace(&mut self.time, time);
         self.on_loan.retain_mut(OnLoan::is_held);
         self.make_edits();

@@ -24,6 +24,10 @@ use super::session::{Ended, Outcome};
 use super::solids::{Solid, Tessellation, polygon, rectangle};
 use crate::stability::port::driven::{Driven, PERIOD};
 
+/// Distance in bounding radii up to which surfaces touch: somewhat more than that at which they are held
+/// apart.
+const HELD: f64 = 1e-4;
+
 /// Largest contact force along a direction in which the scene does not change, N.
 const MAX_SIDEWAYS: f64 = 0.01;
 /// Largest overlap, m: for probes of a radius up to 0.1 m and down to 10 mm. It is the same share of larger
@@ -704,7 +708,9 @@ impl<'a> Judge<'a> {
         let fastest = self.speeds[self.speeds.len() - recent..].iter().copied().fold(0.0, f64::max);
         let [here, there] = [record, free].map(|it| it.object.transform_point(self.center));
         let behind = here.distance(there);
-        if !self.oracle.is_beyond(fastest * (MODEL_AGE * interval + PERIOD)) {
+        // Even at rest, surfaces are held apart.
+        let held = HELD * self.plan.radius;
+        if !self.oracle.is_beyond(held + fastest * (MODEL_AGE * interval + PERIOD)) {
             (self.clear, self.behind) = (time, behind);
         }
         if time - self.clear > SETTLING.0.max(SETTLING.1 * interval) + self.behind / COMING_BACK {

@@ -27,9 +27,9 @@ use super::{Descent, Frames, GuardedPoint, Measured, Sides};
 /// the features that touch.
 const LEVEL: f64 = 2e-3;
 
-/// Slope from which such a direction gives way to the normal of the surface that goes on beyond the other one.
-/// With more, heavy bodies are pushed sideways; with less, steps take longer.
-pub(super) const TILT: f64 = 1e-4;
+/// Slope from which such a direction gives way to the normal of the surface that goes on beyond the other
+/// one. With more, heavy bodies are pushed sideways; with less, steps take longer.
+const TILT: f64 = 1e-4;
 
 /// Slope beyond the normals of a feature, relative to its sharpness, up to which it stands for another one
 /// nearby. With more, surfaces are pushed sideways at edges inside bent faces; with less, points on leashes
@@ -88,6 +88,13 @@ struct Pair {
 }
 
 impl GuardedPoint {
+    /// Whether the direction from the other surface is one of the normals there, but for a slight tilt.
+    #[inline(always)]
+    pub(super) fn is_normal(&self, frames: &Frames<'_>, closest: &ClosestPoint) -> bool {
+        let Sides { own, to_own, .. } = frames.sides(self.is_probe);
+        own.rise(self.place.into(), -to_own.transform_vector3(closest.normal)) <= TILT
+    }
+
     /// The measurement of a point at the features that touch.
     #[inline(never)]
     pub(super) fn touching(&mut self, frames: &Frames<'_>, descent: &Descent) -> Measured {
@@ -107,15 +114,20 @@ impl GuardedPoint {
             }
         }
         let facing = |within: f64| self.facing((&sides, frames.margin), &descent, (rise / BLUNT, within));
-        if rise <= LEVEL {
-            // The surface that goes on beyond the other one has the normal.
-            let pair = if rise > TILT { facing(f64::MAX) } else { None };
-            return pair.map_or_else(
-                || self.measured(frames, &descent),
-                |pair| self.at_pair(frames, &descent, &pair),
-            );
-        }
         let Descent { closest, .. } = descent;
+        if rise <= TILT {
+            return self.measured(frames, &descent);
+        }
+        if rise <= LEVEL {
+            // Over a face, the surface that goes on beyond the other one has the normal; at two edges, which
+            // may lie along each other, that of the scene, since the other one moves.
+            let is_over = matches!(closest.feature, MeshFeature::Face(_));
+            return match if is_over { facing(f64::MAX) } else { None } {
+                Some(pair) => self.at_pair(frames, &descent, &pair),
+                None if is_over || self.is_probe => self.measured(frames, &descent),
+                None => self.across(frames, &sides, &descent, true),
+            };
+        }
         let is_held = rise <= BLUNT * sides.own.sharpness(self.place.into());
         // A sharp feature over a face may not pass that.
         if is_held && closest.distance >= 0.0 && matches!(closest.feature, MeshFeature::Face(_)) {
