@@ -514,6 +514,11 @@ impl FeatureMesh {
         }
     }
 
+    /// Unit normal out of a face.
+    pub fn face_normal(&self, face: u32) -> DVec3 {
+        self.faces[face as usize].normal
+    }
+
     /// A direction out of the surface at an edge, between the normals of its faces.
     pub fn out_of(&self, edge: u32) -> DVec3 {
         let sides = self.sides[edge as usize].iter().filter(|face| **face != NONE);

@@ -413,6 +413,25 @@ fn free_air_is_free() {
     }
 }
 
+/// At 608.5 Hz, contact queries are a millisecond apart and two, in turns: a body above a plate that it does
+/// not touch has room for the longer ones.
+#[test]
+fn uneven_queries_leave_room_above_a_plate() {
+    let (probe, plate) = (block(DVec3::splat(0.02)), block(DVec3::new(0.5, 0.5, 0.02)));
+    for (rate, height) in [608.5, 550.0, 720.0].into_iter().flat_map(|r| [5e-4, 1e-3].map(|h| (r, h))) {
+        let aside = |time: f64| 0.08 * (1.0 - (TAU * (time - 0.3).max(0.0) / 1.4).cos());
+        let hand = move |time: f64| DVec3::new(aside(time), 0.0, 0.01 + height);
+        let scene = [(plate.clone(), DVec3::Z * -0.01)];
+        let (records, events) = session(&probe, &scene, hand, Response::Constraints, (rate, 1.5));
+        let felt = records.iter().map(|r| r.coupling.force.length()).fold(0.0, f64::max);
+        let moved = |pair: &[Record]| pair[0].object.translation.distance(pair[1].object.translation);
+        let fastest = 1e3 * records.windows(2).map(moved).fold(0.0, f64::max);
+        println!("{rate} Hz, {height} m: {felt:.3} N, waited {} times, {fastest:.2} m/s", events.waited);
+        assert!(fastest > 0.3, "{rate} Hz: {fastest} m/s");
+        assert_eq!(events.waited, 0, "{rate} Hz, {height} m above");
+    }
+}
+
 /// With twenty contact queries a second and fewer, the object is felt where it is, and nothing drags it
 /// before.
 #[test]

@@ -29,7 +29,7 @@ const SHORTER: f64 = 0.25;
 
 /// Smallest gain in distance for which a point moves, as a fraction of the size of the body in the hand. With
 /// less, rounding moves it.
-const MIN_DESCENT: f64 = 2e-7;
+const MIN_DESCENT: f64 = 1e-8;
 
 /// Distance at which a point looks for other faces that are nearer, in those at which it last did. At 2 it
 /// may already have met one.

@@ -224,6 +224,61 @@ fn contacts_with_a_flat_plate_are_along_its_normal() {
     assert!(mere > 50, "{mere} of {touching} mere directions are across");
 }
 
+/// A box that is pressed onto such a plate tilts by less than what counts as level. The plate, which goes on
+/// beyond the box, has the normal all the same: a tenth of a degree pushes sideways by a six-hundredth.
+#[test]
+fn a_slight_tilt_does_not_push_sideways() {
+    let mut rng = StdRng::seed_from_u64(0x60A5);
+    let (floor, triangles) = tiled(DVec3::new(0.1, 0.1, 0.01), 17);
+    let plate = FeatureMesh::new(&TriMesh::new(floor, triangles).expect("a mesh"));
+    let cube = block(DVec3::new(0.02, 0.012, 0.008));
+    let object = Pose::from_translation(DVec3::NEG_Z * 0.005);
+    let (mut tilted, mut mere) = (0, 0);
+    for round in 0..2000 {
+        let slope = rng.random_range(3e-4..9e-4);
+        let tilt = DQuat::from_rotation_y(slope);
+        let rotation = DQuat::from_rotation_z(rng.random_range(-3.0..3.0)) * tilt;
+        let gap = [1e-6, 1e-7, 1e-5][round % 3];
+        let shift = 0.03 * random(&mut rng).with_z(0.0);
+        let up = 0.004 * slope.cos() + 0.01 * slope.sin() + gap;
+        let probe = Pose::new(shift + DVec3::Z * up, rotation);
+        let frames = Frames::new((&cube, &probe), (&plate, &object));
+        // Near the box's lower edge, on the plate.
+        let beside = DVec3::new(0.01, rng.random_range(-6e-3..6e-3), -0.004) + 2e-3 * random(&mut rng);
+        let home = object.inverse().transform_point(probe.transform_point(beside).with_z(0.0));
+        let mut point = new((home, rng.random_range(1e-4..1e-2)), false, &frames);
+        let found = point.measure(&frames, point.slack, f64::INFINITY);
+        let descent = point.descend(&frames, MAX_MOVES, f64::NEG_INFINITY);
+        let across = |normal: DVec3| normal.with_z(0.0).length();
+        mere += u32::from(across(point.measured(&frames, &descent).normal) > 2e-4);
+        tilted += u32::from(found.distance.is_finite() && across(found.normal) > 2e-4);
+    }
+    println!("{tilted} are tilted, {mere} mere directions");
+    assert!(tilted == 0 && mere > 500, "{tilted} are tilted, {mere} mere directions");
+}
+
+/// A point that has last tried short ways goes on to a corner where each of these is less than rounding.
+#[test]
+fn short_ways_do_not_end_beside_a_corner() {
+    let (cube, plate) = (block(DVec3::splat(0.02)), block(DVec3::new(0.2, 0.2, 0.01)));
+    let object = Pose::from_translation(DVec3::NEG_Z * 0.005);
+    let rotation = DQuat::from_rotation_y(0.08) * DQuat::from_rotation_x(0.05);
+    let corner = DVec3::new(0.01, -0.01, -0.01);
+    let gap = 1e-6;
+    let probe = Pose::new(DVec3::Z * (gap - (rotation * corner).z), rotation);
+    let frames = Frames::new((&cube, &probe), (&plate, &object));
+    for along in [DVec3::NEG_X, DVec3::Y] {
+        for way in [1.5e-6, 2.5e-6, 1e-5, 1e-3] {
+            let mut point = new((corner, 0.01), true, &frames);
+            point.place = cube.place_near(corner + along * way);
+            point.stride = MIN_STRIDE;
+            assert!(matches!(point.place, Place::Edge(..)), "{:?}", point.place);
+            let found = point.measure_on(&frames, point.slack, f64::INFINITY);
+            assert!((found.distance - gap).abs() < 1e-8, "{way} m from the corner: {found:?}");
+        }
+    }
+}
+
 /// A point among thin walls of small faces is told to overlap only where it is inside of one, also if it goes
 /// through walls. A mere walk from step to step is not: it takes the far sides of walls for overlaps.
 #[test]

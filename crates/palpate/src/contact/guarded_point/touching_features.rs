@@ -119,10 +119,11 @@ impl GuardedPoint {
             return self.measured(frames, &descent);
         }
         if rise <= LEVEL {
-            // Over a face, the surface that goes on beyond the other one has the normal; at two edges, which
-            // may lie along each other, that of the scene, since the other one moves.
+            // Over a face, the surface that goes on beyond the other one has the normal; at other features, one
+            // that is flat; of edges that may lie along each other, that of the scene, since the probe moves.
             let is_over = matches!(closest.feature, MeshFeature::Face(_));
-            return match if is_over { facing(f64::MAX) } else { None } {
+            let pair = if is_over { facing(f64::MAX) } else { self.on_flat(&sides, &descent) };
+            return match pair {
                 Some(pair) => self.at_pair(frames, &descent, &pair),
                 None if is_over || self.is_probe => self.measured(frames, &descent),
                 None => self.across(frames, &sides, &descent, true),
@@ -204,6 +205,15 @@ impl GuardedPoint {
         let Descent { closest, is_settled, .. } = *descent;
         let held = self.held(frames, closest.feature, normal);
         Measured { point, normal, distance, nearest: closest.distance, is_settled, held }
+    }
+
+    /// The nearest points along the normal of the surface that is flat there.
+    fn on_flat(&self, sides: &Sides<'_>, descent: &Descent) -> Option<Pair> {
+        let Descent { position, closest, .. } = *descent;
+        let outward = -sides.to_own.transform_vector3(closest.normal);
+        let normal = of_flat(sides, (self.place.into(), closest.feature), outward)?;
+        let other = sides.to_own.transform_point3(closest.point);
+        Some(Pair { own: position, other, normal, distance: normal.dot(other - position) })
     }
 
     /// The points where the edge that the point is on crosses one that is nearest, or beside the face that
@@ -289,8 +299,9 @@ impl GuardedPoint {
             }
             let inward = -to_other.transform_vector3(here.normal);
             if other.rise(there.feature, inward) <= LEVEL {
-                let ClosestPoint { point, normal, distance, .. } = here;
-                return Some(Pair { own: point, other: at, normal, distance });
+                let normal = of_flat(sides, (feature, there.feature), here.normal).unwrap_or(here.normal);
+                let distance = normal.dot(at - here.point);
+                return Some(Pair { own: here.point, other: at, normal, distance });
             }
             if there.distance < 0.0 || here.distance < 0.0 {
                 // Inside, the nearest points lead out of an overlap, and not to where it is deepest.
@@ -305,8 +316,10 @@ impl GuardedPoint {
             there = other.walk(to_other.transform_point3(here.point), there.face);
             let normal = -to_own.transform_vector3(there.normal);
             if own.rise(feature, normal) <= LEVEL {
+                let normal = of_flat(sides, (feature, there.feature), normal).unwrap_or(normal);
                 let other = to_own.transform_point3(there.point);
-                return Some(Pair { own: here.point, other, normal, distance: there.distance });
+                let distance = normal.dot(other - here.point);
+                return Some(Pair { own: here.point, other, normal, distance });
             }
         }
         None
@@ -356,6 +369,21 @@ fn nearest_here(sides: &Sides<'_>, at: DVec3, face: u32, distance: f64) -> Close
     sides.own.nearer(at, -here.distance).unwrap_or(here)
 }
 
+/// The normal of that one of both surfaces that is flat at the features that touch, if the other one is not:
+/// out of the guarded point's own surface, on the side of a unit vector. That of a wall's far side is not.
+fn of_flat(sides: &Sides<'_>, (here, there): (MeshFeature, MeshFeature), towards: DVec3) -> Option<DVec3> {
+    let Sides { own, other, to_own, .. } = *sides;
+    let flat = |surface: &FeatureMesh, feature| {
+        (surface.sharpness(feature) <= TILT).then(|| surface.face_normal(surface.face_at(feature)))
+    };
+    let normal = match (flat(own, here), flat(other, there)) {
+        (Some(normal), None) => normal,
+        (None, Some(normal)) => -to_own.transform_vector3(normal),
+        _ => return None,
+    };
+    (normal.dot(towards) > ALONG_EDGE).then_some(normal)
+}
+
 /// The points at which two edges, of the guarded point's own surface and of the other one, cross, if the
 /// normal of both edges is one of both surfaces there.
 fn crossing_of(sides: &Sides<'_>, edge: u32, other_edge: u32) -> Option<Pair> {
@@ -383,6 +411,8 @@ fn crossing_of(sides: &Sides<'_>, edge: u32, other_edge: u32) -> Option<Pair> {
     if !is_normal(own, edge, normal) || !is_normal(other, other_edge, inward) {
         return None;
     }
+    let features = (MeshFeature::Edge(edge), MeshFeature::Edge(other_edge));
+    let normal = of_flat(sides, features, normal).unwrap_or(normal);
     let (own, other) = (a + u * s, c + v * t);
     Some(Pair { own, other, normal, distance: normal.dot(other - own) })
 }
