@@ -458,17 +458,7 @@ impl FeatureMesh {
     /// beside a feature.
     #[inline]
     pub fn facing(&self, feature: MeshFeature, direction: DVec3) -> f64 {
-        let facing = |face: &u32| direction.dot(self.faces[*face as usize].normal);
-        match feature {
-            MeshFeature::Face(face) => facing(&face),
-            MeshFeature::Edge(edge) => {
-                let sides = self.sides[edge as usize].iter().filter(|face| **face != NONE);
-                sides.map(facing).fold(-1.0, f64::max)
-            }
-            MeshFeature::Vertex(vertex) => {
-                self.faces_around.of(vertex).iter().map(facing).fold(-1.0, f64::max)
-            }
-        }
+        direction.dot(self.normal_near(feature, direction))
     }
 
     /// How sharp a feature is: 0 on a flat part of the surface. For an edge the sine of the angle between the
@@ -514,9 +504,24 @@ impl FeatureMesh {
         }
     }
 
-    /// Unit normal out of a face.
-    pub fn face_normal(&self, face: u32) -> DVec3 {
-        self.faces[face as usize].normal
+    /// That of the normals of the faces beside a feature that is nearest to a direction, a unit vector.
+    pub fn normal_near(&self, feature: MeshFeature, direction: DVec3) -> DVec3 {
+        let normal = |face: u32| self.faces[face as usize].normal;
+        let nearer = |a: DVec3, b: DVec3| if b.dot(direction) > a.dot(direction) { b } else { a };
+        match feature {
+            MeshFeature::Face(face) => normal(face),
+            MeshFeature::Edge(edge) => {
+                let sides = self.sides[edge as usize].into_iter().filter(|face| *face != NONE);
+                sides.map(normal).reduce(nearer).unwrap_or_default()
+            }
+            MeshFeature::Vertex(vertex) => self
+                .faces_around
+                .of(vertex)
+                .iter()
+                .map(|face| normal(*face))
+                .reduce(nearer)
+                .unwrap_or_default(),
+        }
     }
 
     /// A direction out of the surface at an edge, between the normals of its faces.

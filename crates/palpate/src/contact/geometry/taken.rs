@@ -53,12 +53,6 @@ const MET_DEPTH: f64 = 16.0;
 /// Cosine of the angle from which the normal at a step's end is another one.
 const AHEAD_NORMAL: f64 = 0.98;
 
-/// Gap in margins from which a contact that pushes may be with an edge that the body is about to pass, and
-/// cosine of the angle to the normal beyond it up to which that is another one. With less, steps that slide
-/// are taken more often; with more, edges between level surfaces push sideways.
-const PASSING: f64 = 1e-4;
-const PASSED: f64 = 1.0 - 1e-6;
-
 /// What a point meets in a step.
 #[derive(Clone, Copy, Debug)]
 struct Met {
@@ -250,25 +244,10 @@ impl ContactGeometry {
             let later = settled(&mut point, &frames, least, margin, left);
             // A step brings nothing nearer by more than the motion in it; what is met may be another wall
             // than that at the gap.
+            if !self.overlap(&later) || later.distance < gap.min(0.0) - motion {
+                continue;
+            }
             let end = self.contact_at(key, object, step, 1.0, &later);
-            if !self.overlap(&later) {
-                // Beyond an edge that it is about to pass, the plane of the face there holds it.
-                let is_clear = later.is_settled && later.distance.is_finite() && end.gap > -APART * margin;
-                let comes_over = |known: &&mut UnilateralContact| {
-                    let same = known.normal.dot(end.normal);
-                    known.key == key
-                        && is_pushed(known, PASSING * margin)
-                        && (AHEAD_NORMAL..PASSED).contains(&same)
-                };
-                if is_clear && let Some(known) = contacts.iter_mut().find(comes_over) {
-                    *known = UnilateralContact { impulse: known.impulse, friction: known.friction, ..end };
-                    is_changed = true;
-                }
-                continue;
-            }
-            if later.distance < gap.min(0.0) - motion {
-                continue;
-            }
             let start = UnilateralContact { gap, ..end };
             let met = self.met(&start, step, moved, left).and_then(|met| met.contact);
             let Some(contact) = met.or_else(|| later.distance.is_finite().then_some(end)) else { continue };
@@ -338,11 +317,6 @@ fn settled(
     point.measure_on(frames, least as f32, reach)
 }
 
-/// Whether a contact beyond a gap (m) pushed in the step.
-fn is_pushed(contact: &UnilateralContact, gap: f64) -> bool {
-    contact.gap > gap && contact.impulse.dot(contact.normal) > 0.0
-}
-
 impl NearObject {
     /// Pose of its mesh's frame a time (s) after the start of the step.
     fn moved_on(&self, dt: f64) -> Pose {
@@ -356,7 +330,7 @@ impl StepContacts {
     fn set_aside(&mut self, gap: f64) -> bool {
         let Self { contacts, aside, .. } = self;
         let is_apart = |contact: &UnilateralContact| contact.gap > gap;
-        if !contacts.iter().any(|it| is_pushed(it, gap)) {
+        if !contacts.iter().any(|it| is_apart(it) && it.impulse.dot(it.normal) > 0.0) {
             return false;
         }
         aside.extend(contacts.iter().filter(|it| is_apart(it)).copied());

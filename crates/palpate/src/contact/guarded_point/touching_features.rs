@@ -211,7 +211,7 @@ impl GuardedPoint {
     fn on_flat(&self, sides: &Sides<'_>, descent: &Descent) -> Option<Pair> {
         let Descent { position, closest, .. } = *descent;
         let outward = -sides.to_own.transform_vector3(closest.normal);
-        let normal = of_flat(sides, (self.place.into(), closest.feature), outward)?;
+        let normal = self.of_flat(sides, (self.place.into(), closest.feature), outward)?;
         let other = sides.to_own.transform_point3(closest.point);
         Some(Pair { own: position, other, normal, distance: normal.dot(other - position) })
     }
@@ -224,11 +224,11 @@ impl GuardedPoint {
         match closest.feature {
             MeshFeature::Edge(other) => {
                 // No further from each other than the point is.
-                let found = crossing_of(sides, edge, other)?;
+                let found = self.crossing_of(sides, edge, other)?;
                 (found.distance.abs() <= (1.0 + LEVEL) * closest.distance.abs()).then_some(found)
             }
             MeshFeature::Face(face) => {
-                let found = sides.other.edges_of(face).map(|other| crossing_of(sides, edge, other));
+                let found = sides.other.edges_of(face).map(|other| self.crossing_of(sides, edge, other));
                 let distance = closest.distance;
                 let is_there = |pair: &Pair| {
                     let way = pair.own.distance_squared(position);
@@ -299,7 +299,8 @@ impl GuardedPoint {
             }
             let inward = -to_other.transform_vector3(here.normal);
             if other.rise(there.feature, inward) <= LEVEL {
-                let normal = of_flat(sides, (feature, there.feature), here.normal).unwrap_or(here.normal);
+                let normal =
+                    self.of_flat(sides, (feature, there.feature), here.normal).unwrap_or(here.normal);
                 let distance = normal.dot(at - here.point);
                 return Some(Pair { own: here.point, other: at, normal, distance });
             }
@@ -308,7 +309,7 @@ impl GuardedPoint {
                 return None;
             }
             if let (MeshFeature::Edge(edge), MeshFeature::Edge(beyond)) = (feature, there.feature)
-                && let Some(pair) = crossing_of(sides, edge, beyond)
+                && let Some(pair) = self.crossing_of(sides, edge, beyond)
                 && pair.distance.abs() <= (1.0 + LEVEL) * here.distance
             {
                 return Some(pair);
@@ -316,13 +317,72 @@ impl GuardedPoint {
             there = other.walk(to_other.transform_point3(here.point), there.face);
             let normal = -to_own.transform_vector3(there.normal);
             if own.rise(feature, normal) <= LEVEL {
-                let normal = of_flat(sides, (feature, there.feature), normal).unwrap_or(normal);
+                let normal = self.of_flat(sides, (feature, there.feature), normal).unwrap_or(normal);
                 let other = to_own.transform_point3(there.point);
                 let distance = normal.dot(other - here.point);
                 return Some(Pair { own: here.point, other, normal, distance });
             }
         }
         None
+    }
+
+    /// The normal of that one of both surfaces that is flat at the features that touch, if the other one is
+    /// not; or that of a face of the scene beside an edge: out of the guarded point's own surface, and near a
+    /// unit vector. That of a wall's far side is not.
+    fn of_flat(
+        &self,
+        sides: &Sides<'_>,
+        (here, there): (MeshFeature, MeshFeature),
+        towards: DVec3,
+    ) -> Option<DVec3> {
+        let Sides { own, other, to_own, to_other } = *sides;
+        let is_flat = |surface: &FeatureMesh, feature| surface.sharpness(feature) <= TILT;
+        let is_own = match (is_flat(own, here), is_flat(other, there)) {
+            (true, false) => true,
+            (false, true) => false,
+            // The probe moves along the scene's faces.
+            (false, false) => !self.is_probe,
+            (true, true) => return None,
+        };
+        let normal = if is_own {
+            own.normal_near(here, towards)
+        } else {
+            -to_own.transform_vector3(other.normal_near(there, -to_other.transform_vector3(towards)))
+        };
+        (normal.dot(towards) > 0.0 && normal.cross(towards).length() <= LEVEL).then_some(normal)
+    }
+
+    /// The points at which two edges, of the guarded point's own surface and of the other one, cross, if the
+    /// normal of both edges is one of both surfaces there.
+    fn crossing_of(&self, sides: &Sides<'_>, edge: u32, other_edge: u32) -> Option<Pair> {
+        let Sides { own, other, to_own, to_other } = *sides;
+        let [a, b] = own.ends(edge);
+        let [c, d] = other.ends(other_edge).map(|end| to_own.transform_point3(end));
+        let (u, v, w) = (b - a, d - c, a - c);
+        let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
+        let both = u.cross(v);
+        let square = both.length_squared();
+        if square <= CROSSING * CROSSING * uu * vv {
+            return None;
+        }
+        let (uw, vw) = (u.dot(w), v.dot(w));
+        let (s, t) = ((uv * vw - vv * uw) / square, (uu * vw - uv * uw) / square);
+        if !(0.0..=1.0).contains(&s) || !(0.0..=1.0).contains(&t) {
+            return None;
+        }
+        let normal = both / square.sqrt();
+        let normal = if normal.dot(own.out_of(edge)) < 0.0 { -normal } else { normal };
+        let inward = -to_other.transform_vector3(normal);
+        let is_normal = |surface: &FeatureMesh, edge: u32, normal: DVec3| {
+            surface.rise(MeshFeature::Edge(edge), normal) <= LEVEL
+        };
+        if !is_normal(own, edge, normal) || !is_normal(other, other_edge, inward) {
+            return None;
+        }
+        let features = (MeshFeature::Edge(edge), MeshFeature::Edge(other_edge));
+        let normal = self.of_flat(sides, features, normal).unwrap_or(normal);
+        let (own, other) = (a + u * s, c + v * t);
+        Some(Pair { own, other, normal, distance: normal.dot(other - own) })
     }
 }
 
@@ -367,52 +427,4 @@ fn nearest_here(sides: &Sides<'_>, at: DVec3, face: u32, distance: f64) -> Close
         return here;
     }
     sides.own.nearer(at, -here.distance).unwrap_or(here)
-}
-
-/// The normal of that one of both surfaces that is flat at the features that touch, if the other one is not:
-/// out of the guarded point's own surface, on the side of a unit vector. That of a wall's far side is not.
-fn of_flat(sides: &Sides<'_>, (here, there): (MeshFeature, MeshFeature), towards: DVec3) -> Option<DVec3> {
-    let Sides { own, other, to_own, .. } = *sides;
-    let flat = |surface: &FeatureMesh, feature| {
-        (surface.sharpness(feature) <= TILT).then(|| surface.face_normal(surface.face_at(feature)))
-    };
-    let normal = match (flat(own, here), flat(other, there)) {
-        (Some(normal), None) => normal,
-        (None, Some(normal)) => -to_own.transform_vector3(normal),
-        _ => return None,
-    };
-    (normal.dot(towards) > ALONG_EDGE).then_some(normal)
-}
-
-/// The points at which two edges, of the guarded point's own surface and of the other one, cross, if the
-/// normal of both edges is one of both surfaces there.
-fn crossing_of(sides: &Sides<'_>, edge: u32, other_edge: u32) -> Option<Pair> {
-    let Sides { own, other, to_own, to_other } = *sides;
-    let [a, b] = own.ends(edge);
-    let [c, d] = other.ends(other_edge).map(|end| to_own.transform_point3(end));
-    let (u, v, w) = (b - a, d - c, a - c);
-    let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
-    let both = u.cross(v);
-    let square = both.length_squared();
-    if square <= CROSSING * CROSSING * uu * vv {
-        return None;
-    }
-    let (uw, vw) = (u.dot(w), v.dot(w));
-    let (s, t) = ((uv * vw - vv * uw) / square, (uu * vw - uv * uw) / square);
-    if !(0.0..=1.0).contains(&s) || !(0.0..=1.0).contains(&t) {
-        return None;
-    }
-    let normal = both / square.sqrt();
-    let normal = if normal.dot(own.out_of(edge)) < 0.0 { -normal } else { normal };
-    let inward = -to_other.transform_vector3(normal);
-    let is_normal = |surface: &FeatureMesh, edge: u32, normal: DVec3| {
-        surface.rise(MeshFeature::Edge(edge), normal) <= LEVEL
-    };
-    if !is_normal(own, edge, normal) || !is_normal(other, other_edge, inward) {
-        return None;
-    }
-    let features = (MeshFeature::Edge(edge), MeshFeature::Edge(other_edge));
-    let normal = of_flat(sides, features, normal).unwrap_or(normal);
-    let (own, other) = (a + u * s, c + v * t);
-    Some(Pair { own, other, normal, distance: normal.dot(other - own) })
 }
