@@ -119,8 +119,9 @@ impl GuardedPoint {
             return self.measured(frames, &descent);
         }
         if rise <= LEVEL {
-            // Over a face, the surface that goes on beyond the other one has the normal; at other features, one
-            // that is flat; of edges that may lie along each other, that of the scene, since the probe moves.
+            // Over a face, the surface that goes on beyond the other one has the normal; at other features,
+            // one that is flat; of edges that may lie along each other, that of the scene, since the probe
+            // moves.
             let is_over = matches!(closest.feature, MeshFeature::Face(_));
             let pair = if is_over { facing(f64::MAX) } else { self.on_flat(&sides, &descent) };
             return match pair {
