@@ -253,7 +253,6 @@ fn a_slight_tilt_does_not_push_sideways() {
         mere += u32::from(across(point.measured(&frames, &descent).normal) > 2e-4);
         tilted += u32::from(found.distance.is_finite() && across(found.normal) > 2e-4);
     }
-    println!("{tilted} are tilted, {mere} mere directions");
     assert!(tilted == 0 && mere > 500, "{tilted} are tilted, {mere} mere directions");
 }
 

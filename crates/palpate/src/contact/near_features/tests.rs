@@ -138,9 +138,7 @@ fn all_that_is_nearer_than_the_bound_is_passed_on() {
                 claimed = claimed.min(room / least.min(reaches.enough));
             }
         }
-        println!("{name}: {claimed:.2} of the distance is claimed at least");
         assert!(claimed > 0.3, "{name}: {claimed} of the distance");
     }
-    println!("{near} places near, {inside} insides of faces passed over");
     assert!(near > 10_000 && inside > 20, "{near} places near, {inside} insides of faces passed over");
 }
