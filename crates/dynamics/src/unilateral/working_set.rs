@@ -4,6 +4,7 @@
 
 use palpate_core::Twist;
 
+use super::overlaps::Undoing;
 use super::solver::{COMPLIANCE, ROUND_TOLERANCE};
 use super::{MAX_UNILATERAL, UnilateralContact};
 
@@ -30,7 +31,7 @@ pub(crate) fn choose(
     contacts: &mut [UnilateralContact],
     most: usize,
     free: &Twist,
-    (dt, recovery): (f64, f64),
+    &Undoing { dt, most: recovery, .. }: &Undoing,
 ) -> f64 {
     if contacts.len() <= most {
         return PASSED.0;

@@ -224,7 +224,8 @@ impl ContactGeometry {
                     (false, true) => gap.min(measured.nearest).min(left.clamp(0.0, reach)),
                     (false, false) => measured.nearest.clamp(0.0, reach),
                 };
-                (*slack, guarded.slack) = (known as f32 - hidden, known as f32);
+                let known = below(known);
+                (*slack, guarded.slack) = (known - hidden, known);
                 if object.overlapped {
                     // Deepest are places that others hold, too.
                     found.depth = found.depth.max(-measured.nearest);
@@ -234,7 +235,7 @@ impl ContactGeometry {
                 }
                 if gap > reach {
                     // Where another point is nearer, that one bounds the motion.
-                    let room = if gap.is_finite() { known } else { reach };
+                    let room = if gap.is_finite() { known.into() } else { reach };
                     found.room = found.room.min(room - ahead);
                     continue;
                 }
@@ -372,6 +373,12 @@ impl NearObject {
         (*moved, *felt_elsewhere, *overlapped) = (found.moved, found.felt_elsewhere, found.overlapped);
         (*pushable, *pushed) = (found.pushable, found.pushed);
     }
+}
+
+/// The largest number in single precision that is not above another one.
+fn below(number: f64) -> f32 {
+    let rounded = number as f32;
+    if f64::from(rounded) > number { rounded.next_down() } else { rounded }
 }
 
 /// Takes a motion (m) off all slacks. Appends the indices of those within a reach (m), and returns the least
@@ -519,6 +526,8 @@ mod tests {
     use rand::{RngExt as _, SeedableRng as _};
 
     use super::*;
+    use crate::contact::guarded_point::SEARCHES;
+    use crate::contact::test_meshes::ball;
 
     #[test]
     fn slacks_that_are_passed_over_are_those_that_are_far() {
@@ -551,12 +560,14 @@ mod tests {
         geometry_at(heights.map(|height| (DVec3::Z * height, height)), count)
     }
 
-    /// The same of objects at places (m), with speeds (m/s).
-    pub(super) fn geometry_at(objects: [(DVec3, f64); 3], count: usize) -> ContactGeometry {
-        let surface = tetrahedron();
+    /// A geometry without points of a surface and objects with another one at places (m), with speeds (m/s).
+    fn without_points<const N: usize>(
+        (probe, surface): (&Arc<FeatureMesh>, &Arc<FeatureMesh>),
+        objects: [(DVec3, f64); N],
+    ) -> ContactGeometry {
         let object = |(at, speed)| NearObject {
             place: 0,
-            surface: Arc::clone(&surface),
+            surface: Arc::clone(surface),
             pose: Pose::from_translation(at),
             before: Pose::IDENTITY,
             motion: MovingBody::STILL,
@@ -568,9 +579,9 @@ mod tests {
             pushed: None,
             on_loan: Arc::default(),
         };
-        let mut made = ContactGeometry {
-            probe: Arc::clone(&surface),
-            center_of_mass: DVec3::splat(0.25),
+        ContactGeometry {
+            probe: Arc::clone(probe),
+            center_of_mass: DVec3::ZERO,
             objects: objects.into_iter().map(object).collect(),
             points: ArrayVec::new(),
             bound: MotionBound::NONE,
@@ -578,7 +589,14 @@ mod tests {
             margin: 0.0,
             far_speed: 0.0,
             age: 0.0,
-        };
+        }
+    }
+
+    /// A geometry of objects at places (m), with speeds (m/s), and points of each in turn.
+    pub(super) fn geometry_at(objects: [(DVec3, f64); 3], count: usize) -> ContactGeometry {
+        let surface = tetrahedron();
+        let mut made = without_points((&surface, &surface), objects);
+        made.center_of_mass = DVec3::splat(0.25);
         let points: Vec<GuardedPoint> = {
             let frames = made.frames(&Pose::IDENTITY);
             let point = |i: usize| {
@@ -622,6 +640,56 @@ mod tests {
             }
             let most = 0.01 * heights.into_iter().fold(0.0, f64::max);
             assert!((copy.bound.room - (1.0 - most)).abs() < 1e-12, "{}", copy.bound.room);
+        }
+    }
+
+    /// Every deep point searched the whole surface in each measurement.
+    #[test]
+    fn deep_overlaps_are_searched_for_when_the_bodies_have_moved() {
+        const RADIUS: f64 = 0.02;
+        const DEPTH: f64 = 5e-3;
+        let mut rng = StdRng::seed_from_u64(0x5EA2);
+        let surface = Arc::new(FeatureMesh::new(&ball(RADIUS, 48)));
+        let below = DVec3::NEG_Z * (2.0 * RADIUS - DEPTH);
+        let mut made = without_points((&surface, &surface), [(below, 0.0)]);
+        (made.margin, made.bound.radius) = (1e-6, RADIUS);
+        // Places on both surfaces that are in the other one.
+        let points: Vec<GuardedPoint> = {
+            let frames = &made.frames(&Pose::IDENTITY)[0];
+            let point = |i: u32| {
+                let is_probe = i.is_multiple_of(2);
+                let down = if is_probe { DVec3::NEG_Z } else { DVec3::Z };
+                let turn = DQuat::from_rotation_arc(DVec3::Z, down);
+                let (around, aside) = (rng.random_range(-3.0..3.0), rng.random_range(0.0..0.3));
+                let at = turn * (DQuat::from_rotation_z(around) * DQuat::from_rotation_x(aside) * DVec3::Z);
+                let within = (surface.place_near(at * RADIUS), 0.02 * RADIUS);
+                GuardedPoint::new(within, 0, is_probe, 0, (frames, 0.0))
+            };
+            (0..200).map(point).collect()
+        };
+        made.guard(&points);
+        for overlapped in [false, true] {
+            made.objects[0].overlapped = overlapped;
+            let (mut made, mut slacks) = (made.clone(), Slacks::default());
+            made.clone().assign(&made, &mut slacks);
+            let mut found = StepContacts::default();
+            // The number of searches for a point in 100 steps to and fro by a motion, m.
+            let mut searches = |motion: f64| {
+                SEARCHES.set(0);
+                for step in 0..100 {
+                    let at = DVec3::X * motion * f64::from(step % 2);
+                    let state = BodyState::at_rest(Pose::from_translation(at));
+                    let motion = StepMotion { moved: motion, reach: 1e-4, dt: 1e-3 };
+                    made.contacts(&mut slacks, &state, &motion, &StepContacts::default(), &mut found);
+                    assert!(made.points.iter().all(|point| point.slack < -2e-3), "all are deep");
+                }
+                f64::from(SEARCHES.get()) / points.len() as f64
+            };
+            // The first ones, and then none where they are at rest, or nearly so.
+            searches(0.0);
+            assert_eq!([searches(0.0), searches(1e-9)], [0.0; 2]);
+            let (slow, fast) = (searches(1e-5), searches(1e-4));
+            assert!(slow < 2.0 && (5.0..20.0).contains(&fast), "{slow}, {fast} searches for a point");
         }
     }
 

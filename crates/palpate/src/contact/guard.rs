@@ -447,3 +447,6 @@ impl Guard {
         self.points.dedup_by_key(|point| point.place_key());
     }
 }
+
+#[cfg(test)]
+mod tests;

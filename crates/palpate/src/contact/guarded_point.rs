@@ -31,6 +31,11 @@ const SHORTER: f64 = 0.25;
 /// less, rounding moves it.
 const MIN_DESCENT: f64 = 1e-8;
 
+/// Distance beside a face up to which what is at its edge is over it, as a fraction of that size. With less,
+/// what slides over tiles that are level is pushed sideways at their edges; with more, so is what passes
+/// beside an edge.
+const OFF_FACE: f64 = 7e-6;
+
 /// Distance at which a point looks for other faces that are nearer, in those at which it last did. At 2 it
 /// may already have met one.
 const LOOK_AROUND: f64 = 1.5;
@@ -50,6 +55,12 @@ const MITER: f64 = 1.5;
 
 /// Least share of the margin. With less, surfaces that yield a little overlap.
 const LEAST_HELD: f64 = 0.25;
+
+#[cfg(test)]
+thread_local! {
+    /// Number of searches of a whole surface for an overlap, in this thread.
+    pub(super) static SEARCHES: std::cell::Cell<u32> = const { std::cell::Cell::new(0) };
+}
 
 /// A point on the vertices and edges of one surface, kept where it is nearest to the other.
 #[derive(Clone, Copy, Debug)]
@@ -115,6 +126,8 @@ pub(crate) struct Frames<'a> {
     to_probe: DAffine3,
     /// Smallest gain in distance for which a point moves, m.
     min_descent: f64,
+    /// Distance beside a face up to which what is at its edge is over it, m.
+    off_face: f64,
     /// Distance at which the surfaces are held apart, m, if they have overlapped from the start.
     margin: Option<f64>,
 }
@@ -126,6 +139,8 @@ struct Sides<'a> {
     other: &'a FeatureMesh,
     to_other: &'a DAffine3,
     to_own: &'a DAffine3,
+    /// Distance beside a face up to which what is at its edge is over it, m.
+    off_face: f64,
 }
 
 impl<'a> Frames<'a> {
@@ -139,6 +154,7 @@ impl<'a> Frames<'a> {
             to_object: affine(&to_object),
             to_probe: affine(&to_object.inverse()),
             min_descent: MIN_DESCENT * probe.0.size(),
+            off_face: OFF_FACE * probe.0.size(),
             margin: None,
         }
     }
@@ -157,11 +173,12 @@ impl<'a> Frames<'a> {
     /// The two sides of a point on the body in the hand, or on the scene object.
     #[inline(always)]
     fn sides(&self, is_probe: bool) -> Sides<'_> {
-        let Self { probe, object, to_object, to_probe, .. } = self;
+        let Self { probe, object, to_object, to_probe, off_face, .. } = self;
+        let off_face = *off_face;
         if is_probe {
-            Sides { own: probe.0, other: object.0, to_other: to_object, to_own: to_probe }
+            Sides { own: probe.0, other: object.0, to_other: to_object, to_own: to_probe, off_face }
         } else {
-            Sides { own: object.0, other: probe.0, to_other: to_probe, to_own: to_object }
+            Sides { own: object.0, other: probe.0, to_other: to_probe, to_own: to_object, off_face }
         }
     }
 }
@@ -327,7 +344,7 @@ impl GuardedPoint {
     /// points that touch are, in fewer instructions; `None` for any other point.
     #[inline(always)]
     fn at_rest(&self, frames: &Frames<'_>) -> Option<(DVec3, ClosestPoint)> {
-        let Sides { own, other, to_other, to_own } = frames.sides(self.is_probe);
+        let Sides { own, other, to_other, to_own, .. } = frames.sides(self.is_probe);
         let position = own.position(&self.place);
         let closest = other.over(to_other.transform_point3(position), self.face)?;
         let normal = to_own.transform_vector3(closest.normal);
@@ -341,7 +358,7 @@ impl GuardedPoint {
     /// falls by no more than the point has moved, a move on which it falls by more is not made.
     fn descend(&mut self, frames: &Frames<'_>, moves: u32, least: f64) -> Descent {
         let sides = frames.sides(self.is_probe);
-        let Sides { own, other, to_other, to_own } = sides;
+        let Sides { own, other, to_other, to_own, .. } = sides;
         let mut position = own.position(&self.place);
         let mut closest = other.walk(to_other.transform_point3(position), self.face);
         closest = self.checked(&sides, position, closest, least);
@@ -418,6 +435,8 @@ impl GuardedPoint {
         found: ClosestPoint,
         least: f64,
     ) -> ClosestPoint {
+        #[cfg(test)]
+        SEARCHES.with(|searches| searches.set(searches.get() + 1));
         let at = sides.to_other.transform_point3(position);
         let nearest = sides.other.nearer(at, -found.distance).unwrap_or(found);
         self.trust = (TRUSTED * -nearest.distance).max(0.0) as f32;

@@ -20,6 +20,8 @@ pub mod representative;
 mod search;
 mod snapshot;
 mod stages;
+#[cfg(test)]
+mod test_meshes;
 pub(crate) mod textures;
 mod touching;
 

@@ -1,10 +1,13 @@
 use std::sync::Arc;
 
-use palpate_core::TriMesh;
+use palpate_core::glam::DVec2;
+use palpate_core::mesh::UvMesh;
+use palpate_core::{Clod, TriMesh};
 use palpate_dynamics::{Body, ContactParameters, Friction};
+use palpate_texture_pd::{HeightImage, Wrap};
 
 use super::*;
-use crate::contact::ContactUpdate;
+use crate::contact::{ContactUpdate, test_meshes};
 use crate::scene::Placed;
 use crate::settings::{ContactSettings, SearchSettings, Settings};
 
@@ -12,34 +15,51 @@ const DOWN: Pose = Pose::from_translation(DVec3::new(0.0, 0.0, -0.0101));
 
 /// A box of 1 cm.
 fn block(name: &str) -> Object {
-    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
-    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    let mesh = TriMesh::new((0..8).map(|i| corner(i) * 0.01).collect(), triangles).expect("a mesh");
-    Object::from_mesh(name, &mesh).expect("a box")
+    Object::from_mesh(name, &test_meshes::block(DVec3::splat(0.01))).expect("a box")
+}
+
+fn sheet_mesh() -> TriMesh {
+    let corners = vec![DVec3::ZERO, DVec3::X * 0.01, DVec3::Y * 0.01];
+    TriMesh::new(corners, vec![[0, 1, 2]]).expect("a mesh")
 }
 
 /// A sheet, whose surface is open.
 fn sheet() -> Object {
-    let corners = vec![DVec3::ZERO, DVec3::X * 0.01, DVec3::Y * 0.01];
-    let mesh = TriMesh::new(corners, vec![[0, 1, 2]]).expect("a mesh");
-    Object::from_mesh("sheet", &mesh).expect("a sheet")
+    Object::from_mesh("sheet", &sheet_mesh()).expect("a sheet")
+}
+
+/// An object with a texture that moves its surface outwards by 0.15 mm.
+fn textured(name: &str, mesh: TriMesh) -> Object {
+    let mesh = UvMesh::projected(mesh, |corner| DVec2::new(corner.x, corner.y) / 0.01).expect("a mesh");
+    let image = HeightImage::new(2, 2, vec![1.5e-4; 4], [Wrap::Clamp; 2]).expect("an image");
+    Object::textured(name, &mesh, &image, 1.0).expect("a textured object")
+}
+
+/// A box whose hierarchy has lost its triangles: there is no surface that a texture could touch.
+fn hollow() -> Object {
+    let mut clod = Clod::clone(&block("hollow").clod);
+    clod.levels[0].nodes = 0..0;
+    Object::from_clod("hollow", clod)
 }
 
 /// A contact loop of a box on a box.
 fn on_a_block(search: ContactSearch, response: Response) -> ContactLoop {
+    with_probe(&block("probe"), search, response)
+}
+
+/// The same of another object on a box.
+fn with_probe(probe: &Object, search: ContactSearch, response: Response) -> ContactLoop {
     let settings = Settings {
         search: SearchSettings { method: search, ..SearchSettings::default() },
         contact: ContactSettings { response, ..ContactSettings::default() },
         ..Settings::default()
     };
-    let probe = block("probe");
     let body = Body::new(0.1, probe.clod.source.unit_inertia * 0.1).expect("a body");
     let parameters =
         ContactParameters { stiffness: 1000.0, damping: 1.0, tolerance: 2e-4, friction: Friction::NONE };
     let scene = [Placed { object: block("floor"), pose: DOWN }];
     let center = probe.clod.source.center_of_mass;
-    ContactLoop::new(&probe, body, center, &scene, parameters, &settings).expect("a loop")
+    ContactLoop::new(probe, body, center, &scene, parameters, &settings).expect("a loop")
 }
 
 /// A step at a time (s) with the probe where it begins.
@@ -86,6 +106,48 @@ fn a_replacement_that_is_refused_leaves_the_object_as_it_was() {
     assert_eq!(near(&step(&mut contact, 4e-3)), 0);
     assert_eq!(contact.objects.iter().flatten().count(), 0);
     assert_eq!(contact.telemetry().events.edit_refused, 2);
+}
+
+/// The new object is refused for its texture, and for its field after the texture was made. Either way the
+/// old one is felt as before.
+#[test]
+fn a_replacement_with_a_texture_that_is_refused_leaves_the_object_as_it_was() {
+    let floor = SceneId(0);
+    for (probe, search, refused) in [
+        (textured("probe", test_meshes::block(DVec3::splat(0.01))), ContactSearch::Levels, hollow()),
+        (block("probe"), ContactSearch::Representatives, textured("sheet", sheet_mesh())),
+    ] {
+        let mut contact = with_probe(&probe, search, Response::Penalty);
+        let mut time = 0.0;
+        let mut felt = |contact: &mut ContactLoop| {
+            // The proxy settles.
+            let mut updates = (0..5).map(|_| {
+                time += 1e-3;
+                step(contact, time)
+            });
+            let last = updates.next_back().expect("steps");
+            let wrench = last.model.wrench(&BodyState::at_rest(Pose::IDENTITY));
+            (last.depth, wrench.force, contact.search().is_ok(), contact.texture_backend().map(str::to_owned))
+        };
+        let before = felt(&mut contact);
+        assert!(before.1.z > 0.01, "{before:?}");
+        let mut editor = contact.editor();
+        editor.replace(floor, &refused, DOWN).expect("room");
+        let after = felt(&mut contact);
+        assert_eq!(contact.telemetry().events.edit_refused, 1);
+        let kept = contact.objects.iter().flatten().next().expect("the floor");
+        assert_eq!((kept.id, kept.object.name.as_str()), (floor, "floor"));
+        let is_as_before = after.1.distance(before.1) < 1e-9 && (after.0 - before.0).abs() < 1e-12;
+        assert!(is_as_before && (after.2, &after.3) == (before.2, &before.3), "{after:?}, {before:?}");
+        // It can be replaced and removed all the same.
+        let other = textured("other", test_meshes::block(DVec3::splat(0.01)));
+        editor.replace(floor, &other, DOWN).expect("room");
+        let other = felt(&mut contact);
+        assert!(other.1.z > 0.01 && other.3.is_some(), "{other:?}");
+        editor.remove(floor).expect("known");
+        assert_eq!(felt(&mut contact).1, DVec3::ZERO);
+        assert_eq!(contact.telemetry().events.edit_refused, 1);
+    }
 }
 
 /// The features of a large surface take longer than many contact steps.

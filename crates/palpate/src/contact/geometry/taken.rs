@@ -347,6 +347,46 @@ mod tests {
     use super::super::{MAX_MEASURED, Slacks, StepMotion};
     use super::*;
 
+    /// Two objects of which one is pushed may be at the same place: each has its own contact there, also
+    /// after the step is taken again, and where it was not near at the start.
+    #[test]
+    fn objects_at_one_place_are_held_by_a_contact_each() {
+        const GAP: f64 = 0.05;
+        // The probe's corner at x = 1 is before a face of both.
+        let at = DVec3::new(1.0 + GAP, -0.25, -0.25);
+        let mut made = geometry_at([(at, 0.0), (at, 0.0), (DVec3::splat(9.0), 0.0)], 30);
+        (made.margin, made.bound.radius, made.objects[1].pushed) = (1e-3, 1.0, Some(0));
+        let mut slacks = Slacks::default();
+        made.clone().assign(&made, &mut slacks);
+        let (mut at_start, state) =
+            (StepContacts::default(), BodyState::at_rest(Pose::from_translation(made.center_of_mass)));
+        let motion = StepMotion { moved: 0.0, reach: 4.0 * GAP, dt: 1e-3 };
+        made.contacts(&mut slacks, &state, &motion, &StepContacts::default(), &mut at_start);
+        let both = |found: &StepContacts| {
+            let pushed: Vec<_> = found.contacts.iter().map(|contact| contact.pushed).collect();
+            let [a, b] = found.contacts.as_slice() else { panic!("{found:?}") };
+            assert!(pushed.contains(&None) && pushed.contains(&Some(0)), "{found:?}");
+            assert!(a.arm.distance(b.arm) < 1e-9 && a.normal.distance(b.normal) < 1e-9, "{found:?}");
+            assert!(a.normal.distance(DVec3::X) < 1e-9, "{found:?}");
+        };
+        both(&at_start);
+        let mut found = at_start.clone();
+        let poses = [made.center_of_mass, made.center_of_mass + 2.0 * GAP * DVec3::X];
+        let step = Taken { poses: poses.map(Pose::from_translation), dt: 1e-3 };
+        // Both have pushed at a distance; then both are met.
+        found.contacts.iter_mut().for_each(|contact| contact.impulse = contact.normal);
+        assert!(made.revise(&step, &mut found) && found.contacts.is_empty(), "{found:?}");
+        assert!(made.revise(&step, &mut found));
+        both(&found);
+        // One is known; the other one is met by the step's end.
+        for kept in [None, Some(0)] {
+            let mut found = at_start.clone();
+            found.contacts.retain(|contact| contact.pushed == kept);
+            assert!(found.contacts.len() == 1 && made.revise(&step, &mut found), "{found:?}");
+            both(&found);
+        }
+    }
+
     /// Points that are deep inside another body at the start of a step cost it a measurement, and not one for
     /// each pose along it; those at the surface are measured along it, a bounded number of times.
     #[test]

@@ -6,6 +6,7 @@ use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
 
 use super::*;
+use crate::contact::test_meshes;
 
 fn random(rng: &mut StdRng) -> DVec3 {
     DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
@@ -20,13 +21,8 @@ fn roof() -> FeatureMesh {
     FeatureMesh::new(&TriMesh::new([end(-0.05), end(0.05)].concat(), triangles).expect("a roof"))
 }
 
-/// A box with these edges, m.
 fn block(edges: DVec3) -> FeatureMesh {
-    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
-    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    let mesh = TriMesh::new((0..8).map(|i| corner(i) * edges).collect(), triangles).expect("a mesh");
-    FeatureMesh::new(&mesh)
+    FeatureMesh::new(&test_meshes::block(edges))
 }
 
 /// A point that starts near `home` (m, in its own frame).
@@ -256,6 +252,56 @@ fn a_slight_tilt_does_not_push_sideways() {
     assert!(tilted == 0 && mere > 500, "{tilted} are tilted, {mere} mere directions");
 }
 
+/// A box whose corner or lower edge is beside a plate's edge, where the next tile goes on, by a part of the
+/// distance at which surfaces are held apart. The plate's face has the normal, not the direction aslant.
+#[test]
+fn what_is_beside_an_edge_by_less_than_surfaces_are_apart_is_over_the_face() {
+    let (cube, plate) = (block(DVec3::splat(0.02)), block(DVec3::new(0.1, 0.1, 0.01)));
+    let object = Pose::from_translation(DVec3::new(-0.05, 0.0, -0.005));
+    let apart = 1.2e-6;
+    for yaw in [0.0, 0.4] {
+        let rotation = DQuat::from_rotation_z(yaw);
+        let corner = DVec3::new(-0.01, if yaw > 0.0 { 0.01 } else { -0.01 }, -0.01);
+        for (beside, is_over) in [(1e-9, true), (3e-8, true), (9e-8, true), (6e-7, false), (3e-6, false)] {
+            let at = DVec3::new(beside, 0.0, apart);
+            let probe = Pose::new(at - rotation * corner, rotation);
+            let frames = Frames::new((&cube, &probe), (&plate, &object));
+            for (home, is_probe) in
+                [(corner, true), (object.inverse().transform_point(at.with_x(0.0)), false)]
+            {
+                let mut point = new((home, 1e-3), is_probe, &frames);
+                let found = point.measure_on(&frames, point.slack, f64::INFINITY);
+                let case = format!("yaw {yaw}, {beside} m beside, {is_probe}: {found:?}");
+                assert!((found.distance - DVec3::new(beside, 0.0, apart).length()).abs() < 1e-8, "{case}");
+                let across = found.normal.x.abs();
+                assert!(if is_over { across < 1e-9 } else { across > 0.1 }, "{case}");
+            }
+        }
+    }
+}
+
+/// A box over a slot, turned by a sixth of a degree, whose lower edge would cross the rim beyond its end: it
+/// is held across the rim, along which nothing pushes.
+#[test]
+fn edges_that_lie_nearly_along_each_other_are_held_across_the_scenes() {
+    let (cube, rim) = (block(DVec3::splat(0.02)), block(DVec3::new(0.055, 0.02, 0.02)));
+    // The rim is along x, up to x = 5 mm.
+    let object = Pose::from_translation(DVec3::new(-0.0225, -0.01, -0.01));
+    let turn = DQuat::from_rotation_z(-0.003);
+    let lower = DVec3::new(4e-3, -0.01, -0.01);
+    let mut aslant = 0;
+    for (beside, up) in [(1e-5, 2e-6), (4e-5, 1e-5), (1e-5, 1e-5)] {
+        let probe = Pose::new(DVec3::new(4e-3, beside, up) - turn * lower, turn);
+        let frames = Frames::new((&cube, &probe), (&rim, &object));
+        let mut point = new((lower, 2e-4), true, &frames);
+        let found = point.measure_on(&frames, point.slack, f64::INFINITY);
+        let case = format!("{beside} m beside, {up} m up: {found:?}");
+        assert!(found.distance.is_finite() && found.normal.x.abs() < 1e-9, "{case}");
+        aslant += u32::from(found.normal.y < -0.1);
+    }
+    assert!(aslant > 1, "{aslant} are aslant: the case shows little");
+}
+
 /// A point that has last tried short ways goes on to a corner where each of these is less than rounding.
 #[test]
 fn short_ways_do_not_end_beside_a_corner() {
@@ -274,6 +320,89 @@ fn short_ways_do_not_end_beside_a_corner() {
             assert!(matches!(point.place, Place::Edge(..)), "{:?}", point.place);
             let found = point.measure_on(&frames, point.slack, f64::INFINITY);
             assert!((found.distance - gap).abs() < 1e-8, "{way} m from the corner: {found:?}");
+        }
+    }
+}
+
+/// A rod of 60 mm with one of its edges below, which goes down along x and passes a place, m: at `along`
+/// from its middle. `down` is the sine of the angle, `around` an angle about the vertical; the rod is as wide
+/// as it is high, times `width`. Returns it, its pose, and that place in its own frame.
+fn aslant(place: DVec3, width: f64, (along, down, around): (f64, f64, f64)) -> (FeatureMesh, Pose, DVec3) {
+    let mesh = test_meshes::block(DVec3::new(0.06, 4e-3, 4e-3));
+    let roll = DQuat::from_rotation_x(std::f64::consts::FRAC_PI_4);
+    let vertices =
+        mesh.vertices().iter().map(|vertex| roll * *vertex * DVec3::new(1.0, width, 1.0)).collect();
+    let rod = FeatureMesh::new(&TriMesh::new(vertices, mesh.triangles().to_vec()).expect("a rod"));
+    let rotation = DQuat::from_rotation_z(around) * DQuat::from_rotation_y(down.asin());
+    let own = DVec3::new(along, 0.0, -2e-3 * std::f64::consts::SQRT_2);
+    (rod, Pose::new(place - rotation * own, rotation), own)
+}
+
+/// A point on an edge that goes on beyond its leash holds the edge where it is, unless that is steep: then a
+/// point is nearer where it goes on.
+#[test]
+fn a_leash_holds_edges_that_are_not_steep() {
+    const GAP: f64 = 1e-4;
+    let (plate, object) = (block(DVec3::new(0.4, 0.4, 0.01)), Pose::from_translation(DVec3::NEG_Z * 0.005));
+    for (slope, is_held) in
+        [(0.05, true), (0.2, true), (0.29, true), (0.31, false), (0.5, false), (0.8, false)]
+    {
+        for around in [0.0, 0.4, 2.0] {
+            let lower = DVec3::new(0.05, 0.03, GAP);
+            let (rod, pose, own) = aslant(lower, 1.0, (0.03, slope, around));
+            let frames = Frames::new((&rod, &pose), (&plate, &object));
+            let mut point = new((own - DVec3::X * 0.03, 5e-3), true, &frames);
+            let found = point.measure(&frames, point.slack, f64::INFINITY);
+            let end = pose.transform_point(own - DVec3::X * 0.025);
+            assert!(found.is_settled && found.point.distance(end) < 1e-7, "{slope}: {found:?}, not {end}");
+            assert!((found.nearest - end.z).abs() < 1e-8, "{slope}: {found:?}, not {} m", end.z);
+            assert_eq!(found.distance.is_finite(), is_held, "{slope}: {found:?}");
+            if is_held {
+                assert!((found.distance - end.z).abs() < 1e-8, "{slope}: {found:?}, not {} m", end.z);
+                assert!(found.normal.distance(DVec3::NEG_Z) < 1e-9, "{slope}: {found:?}");
+            }
+            // On a leash that lets it go, it is at the corner.
+            let mut point = new((own - DVec3::X * 0.03, 0.05), true, &frames);
+            let found = point.measure(&frames, point.slack, f64::INFINITY);
+            assert!((found.distance - GAP).abs() < 1e-9, "{slope}: {found:?}");
+        }
+    }
+}
+
+/// An edge that comes nearer beyond the end of a plate is held across both edges, from either surface: it may
+/// slide along itself, and along the plate's edge. Over a plate that goes on, it is held along its normal.
+#[test]
+fn edges_are_held_across_the_end_of_a_plate() {
+    const GAP: f64 = 1e-4;
+    let object = Pose::from_translation(DVec3::NEG_Z * 0.005);
+    for (length, ends) in [(0.1, true), (0.2, false)] {
+        let (vertices, triangles) = tiled(DVec3::new(length, 0.1, 0.01), 60);
+        let facets = FeatureMesh::new(&TriMesh::new(vertices, triangles).expect("a mesh"));
+        let plain = block(DVec3::new(length, 0.1, 0.01));
+        for (slope, around) in [(0.02, 0.0), (0.1, 0.3), (0.25, -0.3), (0.25, 0.6)] {
+            // 20 mm of the rod are beyond the plate's end.
+            let place = DVec3::new(0.05, 2e-3, if ends { GAP } else { GAP + 0.02 * slope });
+            let (rod, pose, own) = aslant(place, 0.2, (0.01, slope, around));
+            let along = pose.transform_vector(DVec3::X);
+            let across = if ends { along.cross(DVec3::Y).normalize() } else { DVec3::Z };
+            let normal = -across * across.z.signum();
+            for (is_probe, plate) in [(true, &plain), (false, &facets)] {
+                let frames = Frames::new((&rod, &pose), (plate, &object));
+                // 8 mm before the end.
+                let beside = own - DVec3::X * 0.01;
+                let home = if is_probe {
+                    beside
+                } else {
+                    object.inverse().transform_point(pose.transform_point(beside).with_z(0.0))
+                };
+                let mut point = new((home, 2e-3), is_probe, &frames);
+                let found = point.measure(&frames, point.slack, f64::INFINITY);
+                let what = format!("{length} m, {slope}, {around}, {is_probe}: {found:?}, not {normal}");
+                assert!(found.normal.distance(normal) < 1e-6, "{what}");
+                let height = found.point.z;
+                let wanted = if is_probe { height / -normal.z } else { height * -normal.z };
+                assert!((found.distance - wanted).abs() < 1e-8, "{what}, {wanted} m");
+            }
         }
     }
 }

@@ -31,6 +31,10 @@ const LEVEL: f64 = 2e-3;
 /// one. With more, heavy bodies are pushed sideways; with less, steps take longer.
 const TILT: f64 = 1e-4;
 
+/// Slope up to which what is beside a face by less than surfaces are apart is over it. With more, edges are
+/// held nearer than they are; with less, surfaces that slide over level tiles are pushed sideways.
+const STEEP: f64 = 0.1;
+
 /// Slope beyond the normals of a feature, relative to its sharpness, up to which it stands for another one
 /// nearby. With more, surfaces are pushed sideways at edges inside bent faces; with less, points on leashes
 /// do not hold what touches beside them.
@@ -105,7 +109,8 @@ impl GuardedPoint {
             let Descent { position, closest, .. } = descent;
             let (normal, feature) = (outward(&descent), self.place.into());
             let here = ClosestPoint { point: position, normal, feature, ..closest };
-            if leaves_an_overlap(&here, (sides.own, sides.other), sides.to_other, frames.margin) {
+            let is_known = self.trust > 0.0;
+            if leaves_an_overlap(&here, is_known, (sides.own, sides.other), sides.to_other, frames.margin) {
                 return Measured { distance: f64::INFINITY, ..self.measured(frames, &descent) };
             }
             if !descent.is_settled {
@@ -115,18 +120,18 @@ impl GuardedPoint {
         }
         let facing = |within: f64| self.facing((&sides, frames.margin), &descent, (rise / BLUNT, within));
         let Descent { closest, .. } = descent;
-        if rise <= TILT {
+        let is_over = matches!(closest.feature, MeshFeature::Face(_));
+        if is_over && rise <= TILT {
             return self.measured(frames, &descent);
         }
         if rise <= LEVEL {
             // Over a face, the surface that goes on beyond the other one has the normal; at other features,
             // one that is flat; of edges that may lie along each other, that of the scene, since the probe
             // moves.
-            let is_over = matches!(closest.feature, MeshFeature::Face(_));
-            let pair = if is_over { facing(f64::MAX) } else { self.on_flat(&sides, &descent) };
+            let pair = if is_over { facing(f64::MAX) } else { self.level_pair(&sides, &descent) };
             return match pair {
                 Some(pair) => self.at_pair(frames, &descent, &pair),
-                None if is_over || self.is_probe => self.measured(frames, &descent),
+                None if is_over || self.is_probe || rise <= TILT => self.measured(frames, &descent),
                 None => self.across(frames, &sides, &descent, true),
             };
         }
@@ -184,7 +189,9 @@ impl GuardedPoint {
             }
             MeshFeature::Edge(other) => {
                 let [from, to] = sides.other.ends(other);
-                let normal = across_both(to - from);
+                let both = across(direction, sides.to_own.transform_vector3(to - from), outward);
+                // Of edges that lie nearly along each other, it is across the scene's: the probe moves.
+                let normal = both.unwrap_or(if self.is_probe { outward } else { level });
                 (normal, closest.distance * normal.dot(outward))
             }
             MeshFeature::Vertex(_) => (level, closest.distance * level.dot(outward)),
@@ -208,11 +215,12 @@ impl GuardedPoint {
         Measured { point, normal, distance, nearest: closest.distance, is_settled, held }
     }
 
-    /// The nearest points along the normal of the surface that is flat there.
-    fn on_flat(&self, sides: &Sides<'_>, descent: &Descent) -> Option<Pair> {
+    /// The nearest points along the normal that they are level with.
+    fn level_pair(&self, sides: &Sides<'_>, descent: &Descent) -> Option<Pair> {
         let Descent { position, closest, .. } = *descent;
         let outward = -sides.to_own.transform_vector3(closest.normal);
-        let normal = self.of_flat(sides, (self.place.into(), closest.feature), outward)?;
+        let normal =
+            self.level_normal(sides, (self.place.into(), closest.feature), (outward, closest.distance))?;
         let other = sides.to_own.transform_point3(closest.point);
         Some(Pair { own: position, other, normal, distance: normal.dot(other - position) })
     }
@@ -258,7 +266,7 @@ impl GuardedPoint {
         descent: &Descent,
         (least, within): (f64, f64),
     ) -> Option<Pair> {
-        let Sides { own, other, to_own, to_other } = *sides;
+        let Sides { own, other, to_own, to_other, .. } = *sides;
         let there = descent.closest;
         let at = to_own.transform_point3(there.point);
         let here = nearest_here(sides, at, own.face_at(self.place.into()), there.distance);
@@ -268,7 +276,7 @@ impl GuardedPoint {
         let is_other = ends <= within && ends <= own.to_sharp_edge(face, point, least);
         let towards = -to_other.transform_vector3(normal);
         let end = ClosestPoint { normal: towards, distance, face, ..there };
-        if !is_other || leaves_an_overlap(&end, (other, own), to_own, margin) {
+        if !is_other || leaves_an_overlap(&end, false, (other, own), to_own, margin) {
             return None;
         }
         // An edge that comes nearer beyond the plane of this surface is held across both.
@@ -288,7 +296,7 @@ impl GuardedPoint {
 
     /// The points at which the nearest of each surface, taken in turn, end.
     fn in_turn(&self, sides: &Sides<'_>, descent: &Descent) -> Option<Pair> {
-        let Sides { own, other, to_own, to_other } = *sides;
+        let Sides { own, other, to_own, to_other, .. } = *sides;
         let (mut there, mut feature) = (descent.closest, MeshFeature::from(self.place));
         for _ in 0..TURNS {
             let at = to_own.transform_point3(there.point);
@@ -300,8 +308,9 @@ impl GuardedPoint {
             }
             let inward = -to_other.transform_vector3(here.normal);
             if other.rise(there.feature, inward) <= LEVEL {
+                let direction = (here.normal, here.distance);
                 let normal =
-                    self.of_flat(sides, (feature, there.feature), here.normal).unwrap_or(here.normal);
+                    self.level_normal(sides, (feature, there.feature), direction).unwrap_or(here.normal);
                 let distance = normal.dot(at - here.point);
                 return Some(Pair { own: here.point, other: at, normal, distance });
             }
@@ -318,7 +327,8 @@ impl GuardedPoint {
             there = other.walk(to_other.transform_point3(here.point), there.face);
             let normal = -to_own.transform_vector3(there.normal);
             if own.rise(feature, normal) <= LEVEL {
-                let normal = self.of_flat(sides, (feature, there.feature), normal).unwrap_or(normal);
+                let direction = (normal, there.distance);
+                let normal = self.level_normal(sides, (feature, there.feature), direction).unwrap_or(normal);
                 let other = to_own.transform_point3(there.point);
                 let distance = normal.dot(other - here.point);
                 return Some(Pair { own: here.point, other, normal, distance });
@@ -327,16 +337,16 @@ impl GuardedPoint {
         None
     }
 
-    /// The normal of that one of both surfaces that is flat at the features that touch, if the other one is
-    /// not; or that of a face of the scene beside an edge: out of the guarded point's own surface, and near a
-    /// unit vector. That of a wall's far side is not.
-    fn of_flat(
+    /// The normal that features that touch are level with: that of the one surface that is flat there, if the
+    /// other one is not, or of a face of the scene beside an edge. It is out of the guarded point's own
+    /// surface, and near a unit vector at a distance (m). That of a wall's far side is not.
+    fn level_normal(
         &self,
         sides: &Sides<'_>,
         (here, there): (MeshFeature, MeshFeature),
-        towards: DVec3,
+        (towards, distance): (DVec3, f64),
     ) -> Option<DVec3> {
-        let Sides { own, other, to_own, to_other } = *sides;
+        let Sides { own, other, to_own, to_other, off_face } = *sides;
         let is_flat = |surface: &FeatureMesh, feature| surface.sharpness(feature) <= TILT;
         let is_own = match (is_flat(own, here), is_flat(other, there)) {
             (true, false) => true,
@@ -350,13 +360,28 @@ impl GuardedPoint {
         } else {
             -to_own.transform_vector3(other.normal_near(there, -to_other.transform_vector3(towards)))
         };
-        (normal.dot(towards) > 0.0 && normal.cross(towards).length() <= LEVEL).then_some(normal)
+        if normal.dot(towards) <= 0.0 {
+            return None;
+        }
+        // What is beside the scene's face by less than surfaces are apart is over it, if all of it there is
+        // above that: a plane aslant would hold it in its way where the floor goes on.
+        let slope = normal.cross(towards).length();
+        let is_above = || {
+            let (surface, feature, down) = if self.is_probe {
+                (own, here, normal)
+            } else {
+                (other, there, -to_other.transform_vector3(normal))
+            };
+            is_own != self.is_probe && surface.rise(feature, down) <= LEVEL
+        };
+        let is_level = slope <= LEVEL || (slope <= STEEP && slope * distance.abs() <= off_face && is_above());
+        is_level.then_some(normal)
     }
 
     /// The points at which two edges, of the guarded point's own surface and of the other one, cross, if the
     /// normal of both edges is one of both surfaces there.
     fn crossing_of(&self, sides: &Sides<'_>, edge: u32, other_edge: u32) -> Option<Pair> {
-        let Sides { own, other, to_own, to_other } = *sides;
+        let Sides { own, other, to_own, to_other, .. } = *sides;
         let [a, b] = own.ends(edge);
         let [c, d] = other.ends(other_edge).map(|end| to_own.transform_point3(end));
         let (u, v, w) = (b - a, d - c, a - c);
@@ -381,7 +406,7 @@ impl GuardedPoint {
             return None;
         }
         let features = (MeshFeature::Edge(edge), MeshFeature::Edge(other_edge));
-        let normal = self.of_flat(sides, features, normal).unwrap_or(normal);
+        let normal = self.level_normal(sides, features, (normal, 0.0)).unwrap_or(normal);
         let (own, other) = (a + u * s, c + v * t);
         Some(Pair { own, other, normal, distance: normal.dot(other - own) })
     }
@@ -397,9 +422,10 @@ fn across(edge: DVec3, other: DVec3, towards: DVec3) -> Option<DVec3> {
 
 /// Whether a feature of a surface, with the direction towards another one and the nearest face of that, is
 /// where bodies that overlap pass out of each other: the surface beside it is well inside, and points there
-/// hold that.
+/// hold that. The distance may be known to be that from the whole of the other surface.
 fn leaves_an_overlap(
     at: &ClosestPoint,
+    is_known: bool,
     (surface, other): (&FeatureMesh, &FeatureMesh),
     to_other: &DAffine3,
     margin: Option<f64>,
@@ -407,13 +433,15 @@ fn leaves_an_overlap(
     let Some(margin) = margin.filter(|margin| at.distance <= LEAVING * margin) else { return false };
     // A walk may end on the far side of a wall.
     let distance = |at: DVec3, hint: u32| {
+        #[cfg(test)]
+        super::SEARCHES.set(super::SEARCHES.get() + 1);
         let at = to_other.transform_point3(at);
         let walked = other.walk(at, hint);
         other.nearer(at, walked.distance.abs()).unwrap_or(walked).distance
     };
     let depth = OVERLAP * margin;
     if at.distance < -depth {
-        return distance(at.point, at.face) < -depth;
+        return is_known || distance(at.point, at.face) < -depth;
     }
     let beside = surface.beside(at.feature, at.point, at.normal, BESIDE * margin);
     distance(beside, at.face) < at.distance.min(-depth)
