@@ -238,6 +238,14 @@ impl PushedBody {
         self.surface = Twist::new(self.twist.linear + shift / dt, self.twist.angular + turn / dt);
     }
 
+    /// The change of its twist by an impulse (N·s) with a moment about its centre of mass (N·m·s).
+    pub fn change(&self, (linear, angular): (DVec3, DVec3)) -> Twist {
+        let mut z = self.coordinates.row(&self.pose, self.pose.translation, linear);
+        let turned = self.coordinates.inverse * (self.pose.rotation.conjugate() * angular);
+        add(&mut z, 1.0, &[0.0, 0.0, 0.0, turned.x, turned.y, turned.z]);
+        self.coordinates.twist(&self.pose, &self.response.shared(&z))
+    }
+
     /// Adds an impulse (N·s) at a point (m).
     pub fn push(&mut self, impulse: DVec3, point: DVec3) {
         let impulse = self.coordinates.row(&self.pose, point, impulse);

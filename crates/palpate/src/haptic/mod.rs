@@ -376,7 +376,7 @@ impl<T: Tool> HapticLoop<T> {
             self.tool.push(linear, angular);
         }
         self.outputs.joined.iter_mut().for_each(|other| other.update(self.now));
-        self.pushed.listen(&self.outputs.joined);
+        self.pushed.listen(&self.outputs.joined, &self.outputs.reacting);
         self.pushed.begin(dt);
         let before = self.tool.body_state(0).twist;
         let mut bounds = [MotionBound::NONE; 2];

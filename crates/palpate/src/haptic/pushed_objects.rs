@@ -132,8 +132,9 @@ impl PushedObjects {
         &self.bodies
     }
 
-    /// Takes note of what the haptic loops of other hands say of the objects that they hold.
-    pub fn listen(&mut self, joined: &[Joined]) {
+    /// Takes note of what the haptic loops of other hands say of the objects that they hold, and of the
+    /// impulses that were sent there since.
+    pub fn listen(&mut self, joined: &[Joined], reacting: &ReactionFeed) {
         for other in joined.iter().filter(|other| other.is_new) {
             let Some(index) = self.places.iter().position(|place| place.id == other.id) else { continue };
             let HandMotion { pose, twist, load } = *other.motion();
@@ -141,13 +142,14 @@ impl PushedObjects {
                 continue;
             };
             let arm = pose.rotation * place.center;
+            let pose = pose * Pose::from_translation(place.center);
             body.set_load(&load);
-            // It was so after the last step.
-            body.hear(&HostState {
-                time: f64::INFINITY,
-                pose: pose * Pose::from_translation(place.center),
-                twist: Twist::new(twist.velocity_at(arm), twist.angular),
-            });
+            // It was so after the last step, but for impulses that wait: without these, what they do would be
+            // taken back, and the object be pushed for it again.
+            let struck = body.change(reacting.waiting_for(other.id, pose.translation));
+            let linear = twist.velocity_at(arm) + struck.linear;
+            let twist = Twist::new(linear, twist.angular + struck.angular);
+            body.hear(&HostState { time: f64::INFINITY, pose, twist });
         }
     }
 
@@ -280,7 +282,7 @@ mod tests {
         let mut step = |told: f64, time: f64| {
             hand.write(at(told));
             joined.update(time);
-            pushed.listen(std::slice::from_ref(&joined));
+            pushed.listen(std::slice::from_ref(&joined), &ReactionFeed::default());
             pushed.begin(1e-3);
             pushed.end(1e-3, time);
             geometries.each_mut().map(|geometry| {

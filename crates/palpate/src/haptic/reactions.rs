@@ -63,9 +63,38 @@ pub(crate) struct ReactionFeed {
     ring: Option<Producer<Reaction>>,
     /// The host's end.
     reactions: Option<Reactions>,
-    /// Haptic loops of other hands, by the objects that they hold: reactions on these go there.
-    routes: Vec<(SceneId, Producer<Reaction>)>,
+    /// To haptic loops of other hands.
+    routes: Vec<Route>,
     sums: ArrayVec<Reaction, MAX_OBJECTS>,
+}
+
+/// The way of reactions on an object to the haptic loop of the hand that holds it.
+#[derive(Debug)]
+struct Route {
+    object: SceneId,
+    ring: Producer<Reaction>,
+    /// The last that were sent.
+    sent: ArrayVec<Reaction, MAX_WAITING_IN_HAND>,
+}
+
+impl Route {
+    /// Returns 1 if there was no room.
+    fn send(&mut self, reaction: Reaction) -> u64 {
+        if self.ring.push(reaction).is_err() {
+            return 1;
+        }
+        if self.sent.is_full() {
+            self.sent.remove(0);
+        }
+        self.sent.push(reaction);
+        0
+    }
+
+    /// Those that were not taken yet.
+    fn waiting(&self) -> &[Reaction] {
+        let waiting = MAX_WAITING_IN_HAND - self.ring.slots();
+        &self.sent[self.sent.len().saturating_sub(waiting)..]
+    }
 }
 
 impl Clone for ReactionFeed {
@@ -88,8 +117,17 @@ impl ReactionFeed {
     /// Sends reactions on an object to another hand from the next step on.
     pub fn route(&mut self, object: SceneId) -> Consumer<Reaction> {
         let (ring, waiting) = RingBuffer::new(MAX_WAITING_IN_HAND);
-        self.routes.push((object, ring));
+        self.routes.push(Route { object, ring, sent: ArrayVec::new() });
         waiting
+    }
+
+    /// The impulse on an object in another hand that its loop has not taken yet, N·s, and its moment about a
+    /// point (m, world axes), N·m·s.
+    pub fn waiting_for(&self, object: SceneId, point: DVec3) -> (DVec3, DVec3) {
+        let waiting = self.routes.iter().filter(|route| route.object == object).flat_map(Route::waiting);
+        waiting.fold((DVec3::ZERO, DVec3::ZERO), |(linear, angular), reaction| {
+            (linear + reaction.linear, angular + reaction.angular_about(point))
+        })
     }
 
     /// Whether anyone takes reactions.
@@ -133,8 +171,8 @@ impl ReactionFeed {
         let Self { ring, routes, sums, .. } = self;
         let mut lost = 0;
         sums.retain(|sum| {
-            if let Some((_, route)) = routes.iter_mut().find(|(object, _)| *object == sum.object) {
-                lost += u64::from(route.push(*sum).is_err());
+            if let Some(route) = routes.iter_mut().find(|route| route.object == sum.object) {
+                lost += route.send(*sum);
                 return false;
             }
             // Without a taker, it is not kept.
@@ -210,5 +248,27 @@ mod tests {
         }
         let taken = std::iter::from_fn(|| waiting.pop().ok()).map(|reaction| reaction.linear.z).sum::<f64>();
         assert_eq!((taken, lost), (16.0, 84));
+    }
+
+    /// What another hand has not taken yet is known.
+    #[test]
+    fn impulses_that_wait_for_another_hand_are_those_that_it_has_not_taken() {
+        let mut reacting = ReactionFeed::default();
+        let mut waiting = reacting.route(SceneId(0));
+        let object = NonZeroU32::new(1).expect("not zero");
+        let mut sent = Vec::new();
+        for count in 1..=40_usize {
+            let impulse = DVec3::Z * count as f64;
+            assert_eq!(reacting.push(object, impulse, DVec3::X.cross(impulse)), 0);
+            sent.extend((reacting.pass_on() == 0).then_some(count));
+            for _ in 0..[0, 0, 5, 1][count % 4] {
+                sent.drain(..usize::from(waiting.pop().is_ok()));
+            }
+            let sum = sent.iter().sum::<usize>() as f64;
+            let (linear, angular) = reacting.waiting_for(SceneId(0), DVec3::Y);
+            assert_eq!((linear, angular), (DVec3::Z * sum, (DVec3::X - DVec3::Y).cross(DVec3::Z * sum)));
+            assert_eq!(reacting.waiting_for(SceneId(1), DVec3::Y), (DVec3::ZERO, DVec3::ZERO));
+        }
+        assert!(sent.len() < 16, "{} wait, and the ring was never full", sent.len());
     }
 }
