@@ -5,13 +5,14 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use palpate::device::{DeviceState, Emulation, Status};
+use palpate::dynamics::BodyState;
 use palpate::glam::{DQuat, DVec3};
 use palpate::models::{Model, PegFit};
 use palpate::settings::{ContactSettings, Response, ToolSettings};
 use palpate::telemetry::{Percentiles, Times};
 use palpate::{
-    ContactUpdate, HandlePlacement, HapticLoop, HapticRenderer, Object, Pose, Record, Scene, Settings,
-    TriMesh, Twist,
+    ContactLoop, ContactUpdate, HandlePlacement, HapticLoop, HapticRenderer, Object, Pose, Record, Scene,
+    Settings, TriMesh, Twist,
 };
 
 /// Period of the haptic loop, s.
@@ -124,6 +125,10 @@ pub struct Replay {
     pub contacts: f64,
     /// Mean force of the contacts on the object, N.
     pub force: f64,
+    /// The contact loop, and the states of the object for which it was asked.
+    contact: ContactLoop,
+    states: Vec<BodyState>,
+    asked: u32,
 }
 
 impl Replay {
@@ -151,7 +156,7 @@ impl Replay {
         let device = Emulation::default().open(state(0.0).pose).expect("an emulated device");
         let scene = Scene::new().with(fixed, Pose::IDENTITY);
         let renderer = HapticRenderer::new(held, scene, Box::new(device), settings).expect("a renderer");
-        let (mut haptic, mut contact, _) = renderer.into_loops();
+        let (mut haptic, contact, _) = renderer.into_loops();
         let mut made = Self {
             start: haptic.clone(),
             haptic: haptic.clone(),
@@ -159,6 +164,9 @@ impl Replay {
             next: 0,
             contacts: 0.0,
             force: 0.0,
+            contact,
+            states: Vec::new(),
+            asked: 0,
         };
         let mut found = None;
         for step in 1..=task.before() + REPLAYED {
@@ -166,7 +174,12 @@ impl Replay {
             let state = state(time);
             let update = found.take();
             if step % 2 == 0 {
-                found = Some(contact.step(haptic.body_state(), time - STEP));
+                let body = *haptic.body_state();
+                found = Some(made.contact.step(&body, time - STEP));
+                made.asked = step;
+                if step > task.before() {
+                    made.states.push(body);
+                }
             }
             if step == task.before() + 1 {
                 made.start = haptic.clone();
@@ -195,6 +208,17 @@ impl Replay {
         self.next += 1;
         let begun = Instant::now();
         black_box(take(black_box(&mut self.haptic), state, update.as_ref()));
+        begun.elapsed()
+    }
+
+    /// Takes the contact loop's next step, for the states to and fro. Returns the time that it took.
+    pub fn query(&mut self) -> Duration {
+        self.asked += 2;
+        let count = self.states.len();
+        let index = (self.asked / 2) as usize % (2 * count);
+        let body = &self.states[index.min(2 * count - 1 - index)];
+        let begun = Instant::now();
+        black_box(self.contact.step(black_box(body), STEP * f64::from(self.asked)));
         begun.elapsed()
     }
 

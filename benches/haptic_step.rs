@@ -5,7 +5,8 @@
 //! and of such a step with contacts as constraints and friction (`constraints`), with contact geometry that
 //! is found at 500 Hz: a prism that slides on 16 corners, a peg held aslant in its hole, and a free one. For
 //! these, percentiles of single steps are printed as well: of all, and of the shortest time that each step
-//! took in many replays, which other programs did not interrupt.
+//! took in many replays, which other programs did not interrupt. `contact loop` is a step of the contact loop
+//! in these sessions.
 //!
 //! `cargo bench -p palpate-benches --bench haptic_step`. A line before each measurement prints how many
 //! contacts push and how many 6×6 systems a step solves. With the arguments `histogram STEPS`, as in `cargo
@@ -318,6 +319,9 @@ fn measure() {
         println!("shortest time of each step in all replays, us: {shortest:?}");
         group.bench_function(BenchmarkId::new("constraints", task.name()), |b| {
             b.iter_custom(|steps| (0..steps).map(|_| replay.step()).sum::<Duration>())
+        });
+        group.bench_function(BenchmarkId::new("contact loop", task.name()), |b| {
+            b.iter_custom(|steps| (0..steps).map(|_| replay.query()).sum::<Duration>())
         });
     }
     group.finish();

@@ -459,7 +459,7 @@ pub(crate) fn names_file(argument: &str) -> bool {
         || Path::new(argument).exists()
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "models"))]
 mod tests {
     use super::*;
 
