@@ -144,3 +144,22 @@ fn a_ball_between_plates_that_overlap_it_is_free_along_them() {
     assert!(apart < 5e-4 && force < 0.5, "{apart} m, {force} N along the plates");
     assert!(energy > -1e-4, "{energy} J");
 }
+
+/// Golf balls that start deep in each other come free: between their dimples, no direction out of one of them
+/// is a normal of the other one.
+#[test]
+#[cfg(feature = "models")]
+fn golf_balls_that_start_deep_in_each_other_come_free() {
+    let ball = Object::model("golf-ball@5000").expect("a model");
+    // 2 mm deep; the hand stays where it is.
+    let start = DVec3::Z * 0.0407;
+    let (records, energy) =
+        session(&ball, &[(&ball, DVec3::ZERO)], move |_| (start, DQuat::IDENTITY), (500.0, 2.0));
+    let (first, last) = (&records[100], records.last().expect("steps"));
+    let force = records.iter().map(|r| r.coupling.force.length()).fold(0.0, f64::max);
+    println!("{:.1e} m, then {:.1e} m deep, {force:.2} N, {energy:.1e} J", first.depth, last.depth);
+    assert!(first.depth > 1e-3, "{} m at the start", first.depth);
+    assert!(last.depth < 1e-5, "still {} m deep", last.depth);
+    // It lies on the other one, and what it does to the hand is what its weak push takes there.
+    assert!(force > 0.1 && force < 0.6 && energy > -1e-3, "{force} N, {energy} J");
+}

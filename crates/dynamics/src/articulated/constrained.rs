@@ -18,8 +18,8 @@ use super::{ArticulatedFrame, ArticulatedState, ArticulatedStep};
 use crate::step::StepFailure;
 use crate::system::six;
 use crate::unilateral::tool::{
-    Moved, Pushed, Rows, Solver, Undoing, Vector, allowed, changed, choose, mobility_factor, next_recovery,
-    push_row, scaled, share, wrench,
+    Moved, Pushed, Rows, Solver, Vector, allowed, changed, choose, mobility_factor, next_recovery, push_row,
+    scaled, share, wrench,
 };
 use crate::unilateral::{MAX_UNILATERAL, MotionBound, PushedBody, Recovery, UnilateralContact};
 
@@ -109,8 +109,8 @@ pub fn constrained_articulated_step(
         if !(first.is_empty() && second.is_empty()) {
             let Some(factor) = mobility_factor(matrix) else { return singular() };
             let free = system.twists(&motion);
-            let undoing = Undoing::new(dt, recovery, &factor, &start.to_array());
-            let passed = [choose(first, MOST, &free[0], &undoing), choose(second, MOST, &free[1], &undoing)];
+            let times = (dt, recovery);
+            let passed = [choose(first, MOST, &free[0], times), choose(second, MOST, &free[1], times)];
             let (of_first, of_second) = (first.len().min(MOST), second.len().min(MOST));
             let mut solved = ArrayVec::<UnilateralContact, MAX_UNILATERAL>::new();
             solved.extend(first[..of_first].iter().chain(&second[..of_second]).copied());
@@ -127,7 +127,7 @@ pub fn constrained_articulated_step(
                 1 => find::<13>,
                 _ => find::<25>,
             };
-            let (taken, converged) = solve(&mut solved, &moved, &undoing);
+            let (taken, converged) = solve(&mut solved, &moved, times);
             status.unconverged = !converged;
             for (contact, solved) in first[..of_first].iter_mut().chain(&mut second[..of_second]).zip(&solved)
             {
@@ -165,14 +165,15 @@ pub fn constrained_articulated_step(
     })
 }
 
-/// Finds the impulses of contacts. Returns what they take off the tool's motion, and whether they converged.
+/// Finds the impulses of contacts in a step of `dt` (s) with a largest recovery velocity (m/s). Returns what
+/// they take off the tool's motion, and whether they converged.
 fn find<const N: usize>(
     contacts: &mut [UnilateralContact],
     moved: &Linked<'_>,
-    undoing: &Undoing,
+    times: (f64, f64),
 ) -> (Motion, bool) {
     let mut rows = Rows::<N>::default();
-    let (felt, converged) = Solver::new(contacts, moved, undoing, &mut rows).solve();
+    let (felt, converged) = Solver::new(contacts, moved, times, &mut rows).solve();
     rows.store(contacts);
     (Motion::from_array(changed(&moved.factor, &felt)), converged)
 }

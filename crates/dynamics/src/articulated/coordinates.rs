@@ -29,11 +29,6 @@ impl Motion {
         }
     }
 
-    pub fn to_array(self) -> [f64; 7] {
-        let Self { linear: v, angular: w, rate } = self;
-        [v.x, v.y, v.z, w.x, w.y, w.z, rate]
-    }
-
     pub fn from_array([vx, vy, vz, wx, wy, wz, rate]: [f64; 7]) -> Self {
         Self { linear: DVec3::new(vx, vy, vz), angular: DVec3::new(wx, wy, wz), rate }
     }

@@ -58,7 +58,6 @@ mod working_set;
 
 /// What the steps of all tools share.
 pub(crate) mod tool {
-    pub(crate) use super::overlaps::Undoing;
     pub(crate) use super::pushed::Pushed;
     pub(crate) use super::solver::{Moved, Rows, Solver, push_row, scaled};
     pub(crate) use super::step::{allowed, changed, mobility_factor, next_recovery, wrench};

@@ -16,10 +16,6 @@
 //! looked for again, until there are no more of these. The others ask for their share −n · u. All of that can
 //! be had at once, by u: so impulses stay small, contacts give the body no more velocity than u, and it comes
 //! free along the surfaces that hold it.
-//!
-//! Contacts are planes, and surfaces bend: a body that goes on in a slender wedge would come further into it,
-//! step by step. So the first u, that of all overlaps, is added as far as it is slow against the body's own
-//! motion; at rest there is none.
 
 use arrayvec::ArrayVec;
 
@@ -43,35 +39,8 @@ const FASTEST: f64 = 3.0;
 /// they are driven out of slender ones against the hand.
 const HELD: f64 = 0.5;
 
-/// Largest motion with which overlaps that are held are undone still, relative to the body's own. With less,
-/// they grow as it goes on along bent surfaces; with more, it is driven out of slender wedges.
-const DRIFT: f64 = 0.1;
-
 /// Largest number of motions that are looked for. With fewer, overlaps that could be undone are held.
 const MAX_MOTIONS: u32 = 6;
-
-/// How overlaps are undone in a step.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Undoing {
-    /// Time of the step, s.
-    pub dt: f64,
-    /// Largest velocity out of one, m/s.
-    pub most: f64,
-    /// Size of the tool's own motion y at its start.
-    pub speed: f64,
-}
-
-impl Undoing {
-    /// For a tool's motion at the start of a step of `dt` (s), and the lower factor K of its mobility.
-    pub fn new<const D: usize>(dt: f64, most: f64, factor: &[Vector<D>; D], motion: &Vector<D>) -> Self {
-        let mut y = [0.0; D];
-        for (row, entries) in factor.iter().enumerate() {
-            // Above the diagonal K, and so far y, is 0.
-            y[row] = (motion[row] - dot(entries, &y)) / entries[row];
-        }
-        Self { dt, most, speed: dot(&y, &y).sqrt() }
-    }
-}
 
 impl UnilateralContact {
     /// Velocity out of an overlap that it asks for, at most `recovery` (m/s); 0 if there is none.
@@ -81,46 +50,40 @@ impl UnilateralContact {
     }
 }
 
-/// Velocities (m/s) out of the overlaps of contacts with scaled rows. `None` without overlaps.
+/// Velocities (m/s) out of the overlaps of contacts with scaled rows, in a step of `dt` (s) with a largest
+/// one. `None` without overlaps.
 pub(super) fn shared<const N: usize>(
     contacts: &[UnilateralContact],
     sides: &[Side<N>],
-    undoing: &Undoing,
+    (dt, recovery): (f64, f64),
 ) -> Option<ArrayVec<f64, MAX_UNILATERAL>> {
     let mut left: ArrayVec<f64, MAX_UNILATERAL> =
-        contacts.iter().take(MAX_UNILATERAL).map(|contact| contact.wanted(undoing.most)).collect();
+        contacts.iter().take(MAX_UNILATERAL).map(|contact| contact.wanted(recovery)).collect();
     if left.iter().all(|wanted| *wanted == 0.0) {
         return None;
     }
-    let all = left.clone();
-    let asked = |motion: Vector<N>| {
-        all.iter().zip(sides).map(|(wanted, side)| dot(&side.row, &motion).clamp(0.0, *wanted)).collect()
-    };
-    let mut first: Option<Vector<N>> = None;
     for _ in 0..MAX_MOTIONS {
-        let Some(mut motion) = motion_out(contacts, sides, &left, undoing.dt) else { break };
+        let Some(motion) = undoing(contacts, sides, &left, dt) else { break };
         let mut gave_up = false;
         for (wanted, side) in left.iter_mut().zip(sides) {
             if *wanted > 0.0 && dot(&side.row, &motion) < HELD * *wanted {
                 (*wanted, gave_up) = (0.0, true);
             }
         }
-        if gave_up {
-            let slow = (DRIFT * undoing.speed / dot(&motion, &motion).sqrt()).min(1.0);
-            first.get_or_insert(motion.map(|entry| slow * entry));
-            continue;
+        if !gave_up {
+            for (wanted, side) in left.iter_mut().zip(sides) {
+                *wanted = wanted.min(dot(&side.row, &motion));
+            }
+            return Some(left);
         }
-        if let Some(first) = first {
-            motion.iter_mut().zip(first).for_each(|(entry, slow)| *entry += slow);
-        }
-        return Some(asked(motion));
     }
-    Some(asked(first.unwrap_or([0.0; N])))
+    left.iter_mut().for_each(|wanted| *wanted = 0.0);
+    Some(left)
 }
 
 /// The motion y that undoes overlaps best, by the velocities (m/s) out of them that are wanted. `None` if
 /// there are none, or the search did not end.
-fn motion_out<const N: usize>(
+fn undoing<const N: usize>(
     contacts: &[UnilateralContact],
     sides: &[Side<N>],
     wanted: &[f64],

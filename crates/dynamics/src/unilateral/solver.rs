@@ -15,7 +15,7 @@ use glam::DVec3;
 use palpate_core::Twist;
 
 use super::normals::{Normals, Side};
-use super::overlaps::{Undoing, shared};
+use super::overlaps::shared;
 use super::pushed::Pushed;
 use super::vector::{Six, Vector, add, dot, sum};
 use super::{MAX_UNILATERAL, UnilateralContact};
@@ -142,11 +142,11 @@ pub(crate) fn scaled<const D: usize>(factor: &[Vector<D>; D], row: &Vector<D>) -
 }
 
 impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
-    /// Prepares contacts of what they move.
+    /// Prepares contacts of what they move for a step of `dt` (s) with a largest recovery velocity (m/s).
     pub fn new(
         contacts: &'a [UnilateralContact],
         moved: &'a M,
-        undoing: &Undoing,
+        (dt, recovery): (f64, f64),
         rows: &'a mut Rows<N>,
     ) -> Self {
         let contacts = &contacts[..contacts.len().min(MAX_UNILATERAL)];
@@ -155,7 +155,7 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
             let UnilateralContact { normal, impulse, .. } = *contact;
             let row = moved.row(index, contact, normal);
             let over = contact.velocity_over(moved.free(index));
-            let excess = contact.excess_of(over, undoing.dt, undoing.most);
+            let excess = contact.excess_of(over, dt, recovery);
             let stiffness = 1.0 / (COMPLIANCE * dot(&row, &row));
             let impulse_before = normal.dot(impulse);
             solver.rows.normals.push(Side { row, excess, stiffness }, impulse_before > 0.0);
@@ -164,10 +164,10 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
             }
         }
         let normals = &mut solver.rows.normals;
-        if let Some(velocities) = shared(contacts, normals.sides(), undoing) {
+        if let Some(velocities) = shared(contacts, normals.sides(), (dt, recovery)) {
             for (index, (contact, velocity)) in contacts.iter().zip(velocities).enumerate() {
                 if contact.gap < 0.0 {
-                    normals.change_excess(index, velocity - contact.wanted(undoing.most));
+                    normals.change_excess(index, velocity - contact.wanted(recovery));
                 }
             }
         }

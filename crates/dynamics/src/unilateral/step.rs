@@ -4,7 +4,6 @@ use arrayvec::ArrayVec;
 use glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
 
-use super::overlaps::Undoing;
 use super::pushed::{MAX_PUSHED, Pushed, PushedBody};
 use super::solver::{Rows, Single, Solver};
 use super::vector::{Vector, dot};
@@ -14,7 +13,6 @@ use crate::body::BodyState;
 use crate::coupling::VirtualCoupling;
 use crate::linear_solve::{inverse, inverse_definite};
 use crate::step::{Frame, Solution, Step, StepFailure, System};
-use crate::system::six;
 
 /// Force in the coupling's damper, N at the device, with which an overlap is undone: less than a hand feels
 /// as a push.
@@ -99,9 +97,7 @@ pub fn constrained_step(
             1 => solved::<12>,
             _ => solved::<{ 6 + 6 * MAX_PUSHED }>,
         };
-        let Twist { linear, angular } = state.twist;
-        let undoing = Undoing::new(dt, recovery, &factor, &six(linear, angular));
-        let (held, share, converged) = solve(contacts, &moved, &undoing);
+        let (held, share, converged) = solve(contacts, &moved, (dt, recovery));
         status.unconverged = !converged;
         shortened = share < 1.0;
         twist = Twist::new(held.linear * share, held.angular * share);
@@ -126,26 +122,27 @@ pub fn constrained_step(
     ConstrainedStep { step, held_back: held_back || shortened, recovery }
 }
 
-/// Finds the impulses of contacts of a body. Returns its velocity with them, the share of the step that passes no surface, and whether the impulses
+/// Finds the impulses of contacts of a body in a step of `dt` (s) with a largest recovery velocity (m/s).
+/// Returns its velocity with them, the share of the step that passes no surface, and whether the impulses
 /// converged.
 fn solved<const N: usize>(
     contacts: &mut [UnilateralContact],
     moved: &Single<'_>,
-    undoing: &Undoing,
+    (dt, recovery): (f64, f64),
 ) -> (Twist, f64, bool) {
-    let passed = choose(contacts, MAX_UNILATERAL, moved.free, undoing);
+    let passed = choose(contacts, MAX_UNILATERAL, moved.free, (dt, recovery));
     let mut exchanges = 0;
     loop {
         let mut rows = Rows::<N>::default();
-        let (felt, converged) = Solver::new(contacts, moved, undoing, &mut rows).solve();
+        let (felt, converged) = Solver::new(contacts, moved, (dt, recovery), &mut rows).solve();
         rows.store(contacts);
         let [vx, vy, vz, wx, wy, wz] = changed(moved.factor, &felt);
         let held = Twist {
             linear: moved.free.linear - DVec3::new(vx, vy, vz),
             angular: moved.free.angular - DVec3::new(wx, wy, wz),
         };
-        if exchanges == MAX_EXCHANGES || !exchange(contacts, &held, passed, undoing.dt) {
-            return (held, share(contacts, MAX_UNILATERAL, &held, passed, undoing.dt), converged);
+        if exchanges == MAX_EXCHANGES || !exchange(contacts, &held, passed, dt) {
+            return (held, share(contacts, MAX_UNILATERAL, &held, passed, dt), converged);
         }
         exchanges += 1;
     }

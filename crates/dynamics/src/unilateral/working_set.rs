@@ -4,7 +4,6 @@
 
 use palpate_core::Twist;
 
-use super::overlaps::Undoing;
 use super::solver::{COMPLIANCE, ROUND_TOLERANCE};
 use super::{MAX_UNILATERAL, UnilateralContact};
 
@@ -31,7 +30,7 @@ pub(crate) fn choose(
     contacts: &mut [UnilateralContact],
     most: usize,
     free: &Twist,
-    &Undoing { dt, most: recovery, .. }: &Undoing,
+    (dt, recovery): (f64, f64),
 ) -> f64 {
     if contacts.len() <= most {
         return PASSED.0;

@@ -152,9 +152,7 @@ fn limits(rig: &Rig, contacts: &[UnilateralContact]) -> Vec<f64> {
         stiffness: 0.0,
     };
     let sides: Vec<_> = contacts.iter().map(side).collect();
-    let Twist { linear, angular } = rig.state.twist;
-    let undoing = overlaps::Undoing::new(DT, recovery, &factor, &six(linear, angular));
-    let shared = overlaps::shared(contacts, &sides, &undoing);
+    let shared = overlaps::shared(contacts, &sides, (DT, recovery));
     let limit = |(index, contact): (usize, &UnilateralContact)| {
         let out = shared.as_ref().map_or(0.0, |out| out[index]);
         contact.normal.dot(contact.velocity) + if contact.gap < 0.0 { -out } else { contact.gap / DT }

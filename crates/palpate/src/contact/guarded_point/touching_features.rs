@@ -74,6 +74,10 @@ const NEARBY: f64 = 4.0;
 const LEAVING: f64 = 128.0;
 const BESIDE: f64 = 1024.0;
 
+/// Sharpness from which a feature within an overlap is where bodies leave it, whatever is beside. With less,
+/// bent surfaces that start deep in each other stay there; with more, edges hold parts in a press fit.
+const SHARP: f64 = 0.5;
+
 /// Depth of an overlap that bodies leave, in margins: more than that to which they yield. With more, bodies
 /// are held that leave a small overlap; with less, those that have yielded are let in.
 pub(in crate::contact) const OVERLAP: f64 = 48.0;
@@ -431,20 +435,25 @@ fn leaves_an_overlap(
     margin: Option<f64>,
 ) -> bool {
     let Some(margin) = margin.filter(|margin| at.distance <= LEAVING * margin) else { return false };
-    // A walk may end on the far side of a wall.
-    let distance = |at: DVec3, hint: u32| {
-        #[cfg(test)]
-        super::SEARCHES.set(super::SEARCHES.get() + 1);
-        let at = to_other.transform_point3(at);
-        let walked = other.walk(at, hint);
-        other.nearer(at, walked.distance.abs()).unwrap_or(walked).distance
+    let depth = -OVERLAP * margin;
+    // Where a bent surface is no deeper beside, the point holds the overlap itself.
+    let is_bent = surface.sharpness(at.feature) <= SHARP && surface.rise(at.feature, at.normal) <= SHARP;
+    let is_edge = at.distance < depth && !is_bent;
+    let (beside, deeper) = if is_edge {
+        (at.point, depth)
+    } else {
+        let beside = surface.beside(at.feature, at.point, at.normal, BESIDE * margin);
+        (beside, at.distance.min(depth))
     };
-    let depth = OVERLAP * margin;
-    if at.distance < -depth {
-        return is_known || distance(at.point, at.face) < -depth;
+    let beside = to_other.transform_point3(beside);
+    let walked = other.walk(beside, at.face).distance;
+    if is_known && walked < 0.0 {
+        return walked < deeper;
     }
-    let beside = surface.beside(at.feature, at.point, at.normal, BESIDE * margin);
-    distance(beside, at.face) < at.distance.min(-depth)
+    #[cfg(test)]
+    super::SEARCHES.set(super::SEARCHES.get() + 1);
+    // A walk may end on the far side of a wall.
+    other.nearer(beside, walked.abs()).map_or(walked, |nearest| nearest.distance) < deeper
 }
 
 /// The point of the guarded point's own surface that is nearest to a point of the other one (its frame, m),
