@@ -240,9 +240,7 @@ impl PushedBody {
 
     /// The change of its twist by an impulse (N·s) with a moment about its centre of mass (N·m·s).
     pub fn change(&self, (linear, angular): (DVec3, DVec3)) -> Twist {
-        let mut z = self.coordinates.row(&self.pose, self.pose.translation, linear);
-        let turned = self.coordinates.inverse * (self.pose.rotation.conjugate() * angular);
-        add(&mut z, 1.0, &[0.0, 0.0, 0.0, turned.x, turned.y, turned.z]);
+        let z = self.coordinates.impulse(&self.pose, linear, angular);
         self.coordinates.twist(&self.pose, &self.response.shared(&z))
     }
 
@@ -323,9 +321,13 @@ impl Coordinates {
 
     /// Zᵀ Jᵀ: z of an impulse at a point.
     fn row(&self, pose: &Pose, point: DVec3, impulse: DVec3) -> Six {
-        let linear = impulse / self.root_mass;
-        let torque = (point - pose.translation).cross(impulse);
-        let angular = self.inverse * (pose.rotation.conjugate() * torque);
+        self.impulse(pose, impulse, (point - pose.translation).cross(impulse))
+    }
+
+    /// z of an impulse and its moment about the centre of mass.
+    fn impulse(&self, pose: &Pose, linear: DVec3, angular: DVec3) -> Six {
+        let linear = linear / self.root_mass;
+        let angular = self.inverse * (pose.rotation.conjugate() * angular);
         [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]
     }
 }

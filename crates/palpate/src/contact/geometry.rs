@@ -520,7 +520,7 @@ impl StepContacts {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use palpate_core::TriMesh;
     use rand::rngs::StdRng;
     use rand::{RngExt as _, SeedableRng as _};
@@ -561,7 +561,7 @@ mod tests {
     }
 
     /// A geometry without points of a surface and objects with another one at places (m), with speeds (m/s).
-    fn without_points<const N: usize>(
+    pub(in crate::contact) fn without_points<const N: usize>(
         (probe, surface): (&Arc<FeatureMesh>, &Arc<FeatureMesh>),
         objects: [(DVec3, f64); N],
     ) -> ContactGeometry {

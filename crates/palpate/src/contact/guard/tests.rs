@@ -4,9 +4,9 @@ use std::f64::consts::TAU;
 
 use palpate_core::TriMesh;
 use palpate_core::glam::DQuat;
-use palpate_dynamics::{Friction, MotionBound, MovingBody};
 
 use super::*;
+use crate::contact::geometry::tests::without_points;
 use crate::contact::test_meshes::block;
 
 const RINGS: u32 = 10;
@@ -52,32 +52,9 @@ fn cone_and_foot() -> TriMesh {
 /// The cone over two floors at the same place, with a start at each of its lower vertices, and at the foot.
 fn over_floors(mesh: &TriMesh) -> (Guard, ContactGeometry) {
     let floor = Arc::new(FeatureMesh::new(&block(DVec3::new(0.2, 0.2, 0.01))));
-    let pose = Pose::from_translation(DVec3::new(0.01, 0.0, -0.005));
-    let object = |place| NearObject {
-        place,
-        surface: Arc::clone(&floor),
-        pose,
-        before: pose,
-        motion: MovingBody::STILL,
-        speed: 0.0,
-        moved: 0.0,
-        felt_elsewhere: false,
-        overlapped: false,
-        pushable: None,
-        pushed: None,
-        on_loan: Arc::default(),
-    };
-    let geometry = ContactGeometry {
-        probe: Arc::new(FeatureMesh::new(mesh)),
-        center_of_mass: DVec3::ZERO,
-        objects: (0..2).map(object).collect(),
-        points: ArrayVec::new(),
-        bound: MotionBound::NONE,
-        friction: Friction::NONE,
-        margin: 0.0,
-        far_speed: 0.0,
-        age: 0.0,
-    };
+    let probe = Arc::new(FeatureMesh::new(mesh));
+    let mut geometry = without_points((&probe, &floor), [(DVec3::new(0.01, 0.0, -0.005), 0.0); 2]);
+    geometry.objects[1].place = 1;
     let mut guard = Guard::new();
     for place in 0..2 {
         for vertex in 0..=RINGS * SIDES + 2 {
