@@ -13,6 +13,8 @@ use palpate::{
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
 
+use super::bodies::block;
+
 /// Largest lateral contact force on flat floors, N, and jump of the coupling's force along an axis from step
 /// to step, N: on a plane without edges, the device's encoders make it jump by 0.038 N.
 const LATERAL: f64 = 0.01;
@@ -100,15 +102,6 @@ fn floors() -> Vec<(&'static str, Object)> {
         ("slivers", slab((&slivers, &even(half, 3)), flat, |i, j| (i + j) % 2 == 0)),
         ("graded", slab((&graded, &graded), flat, |i, j| (i + j) % 2 == 0)),
     ]
-}
-
-/// A box with these edges, m, about the origin.
-fn block(edges: DVec3) -> Object {
-    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
-    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    let mesh = TriMesh::new((0..8).map(|i| corner(i) * edges).collect(), triangles).expect("a mesh");
-    Object::from_mesh("box", &mesh).expect("a box")
 }
 
 /// A prism of a radius and length, m, along the axis that a turn gives to z; its lowest point or face there.

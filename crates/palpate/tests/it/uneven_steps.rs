@@ -3,7 +3,7 @@
 #![expect(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
 
 use std::collections::VecDeque;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use palpate::collide::{ContactQuery, ContactSet, ContactSetSettings, QuerySettings};
 use palpate::device::{DeviceState, Emulation, GripperEmulation, GripperPath, IntendedPath, Status};
@@ -15,55 +15,15 @@ use palpate::settings::{
 use palpate::tool::{HingedTool, ToolBody};
 use palpate::{
     ContactLoop, ContactUpdate, HapticLoop, HapticRenderer, HostedSession, Object, Pose, Record, Scene,
-    SceneEditor, SceneId, Settings, TriMesh, Twist,
+    SceneEditor, SceneId, Settings, Twist,
 };
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
 
+use super::bodies::{ball, block};
+
 /// Largest overlap that constraints leave, m.
 const OVERLAP: f64 = 2e-5;
-
-/// A box with these edges about the origin, m.
-fn block(edges: DVec3) -> Object {
-    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
-    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    let mesh = TriMesh::new((0..8).map(|i| corner(i) * edges).collect(), triangles).expect("a mesh");
-    Object::from_mesh("box", &mesh).expect("a box")
-}
-
-/// A solid of revolution about z: the profile (radius, height) from the bottom of the axis to its top, m.
-fn turned(name: &str, profile: &[(f64, f64)], segments: u32) -> Object {
-    let rim = &profile[1..profile.len() - 1];
-    let mut vertices = vec![DVec3::Z * profile[0].1, DVec3::Z * profile[profile.len() - 1].1];
-    for i in 0..segments {
-        let (sin, cos) = (TAU * f64::from(i) / f64::from(segments)).sin_cos();
-        vertices.extend(rim.iter().map(|&(r, z)| DVec3::new(r * cos, r * sin, z)));
-    }
-    let count = rim.len() as u32;
-    let at = |i: u32, j: u32| 2 + (i % segments) * count + j;
-    let mut triangles = Vec::new();
-    for i in 0..segments {
-        triangles.push([0, at(i + 1, 0), at(i, 0)]);
-        triangles.push([1, at(i, count - 1), at(i + 1, count - 1)]);
-        for j in 0..count - 1 {
-            triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
-            triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
-        }
-    }
-    let mesh = TriMesh::new(vertices, triangles).expect("a mesh");
-    Object::from_mesh(name, &mesh).expect("a solid")
-}
-
-/// A ball of a radius, m.
-fn ball(radius: f64) -> Object {
-    let at = |i: u32| {
-        let angle = PI * f64::from(i) / 12.0;
-        (radius * angle.sin(), -radius * angle.cos())
-    };
-    let profile: Vec<_> = (0..=12).map(at).collect();
-    turned("ball", &profile, 24)
-}
 
 /// Lengths of a host's steps, s.
 type Steps = Box<dyn FnMut() -> f64>;
@@ -248,7 +208,7 @@ fn over_plate(
 
 /// Largest depth (m) and mean force (N) of a ball that strikes a plate, from several heights.
 fn struck(steps: fn(u64) -> Steps, settings: Settings, rate: f64, times: u64) -> (f64, f64) {
-    let probe = ball(0.01);
+    let probe = ball(0.01, (12, 24));
     let (mut deepest, mut force) = (f64::NEG_INFINITY, 0.0);
     for seed in 0..times {
         let hand = striking(0.01 + 1e-4 * seed as f64);
@@ -299,7 +259,7 @@ fn steps_of_varying_length_do_not_enter_surfaces() {
 /// The same in threads, on a host's own clock.
 #[test]
 fn a_hosted_session_with_steps_of_varying_length_does_not_enter_surfaces() {
-    let (probe, plate, hand) = (ball(0.01), plate(), striking(0.01));
+    let (probe, plate, hand) = (ball(0.01, (12, 24)), plate(), striking(0.01));
     let specification = Emulation::default().specification;
     let scene = Scene::new().with(plate.clone(), top_at(0.0));
     let made = settings(ContactSearch::Levels, Response::Constraints);
@@ -322,7 +282,7 @@ fn a_hosted_session_with_steps_of_varying_length_does_not_enter_surfaces() {
 /// A plate that a host moves up and down under a ball that is held: how deep, m, and the mean force on the
 /// hand, N.
 fn moved_plate(steps: Steps, rate: f64) -> (f64, f64) {
-    let (probe, plate) = (ball(0.01), plate());
+    let (probe, plate) = (ball(0.01, (12, 24)), plate());
     let hand: Hand = Box::new(|_| (DVec3::new(0.002, 0.003, 0.0105), DQuat::IDENTITY));
     let height = |time: f64| 1e-3 * (TAU * (time - 0.3).max(0.0) / 0.4).sin();
     let speed = |time: f64| (height(time + 1e-5) - height(time - 1e-5)) / 2e-5;
@@ -416,7 +376,7 @@ const JOINS: [Join; 2] = [|above, below| above.join(below), |above, below| below
 /// Two hands strike their objects together, each host with its own steps. Returns how deep, m, and the mean
 /// force on the upper hand, N.
 fn hands_meet(steps: impl Fn(u64) -> Steps, seed: u64, rate: f64, join: Join) -> (f64, f64) {
-    let objects = [ball(0.01), plate()];
+    let objects = [ball(0.01, (12, 24)), plate()];
     let upper: Hand = striking(0.01);
     let lower: Hand =
         Box::new(|time| (DVec3::Z * (-0.0025 + 0.3 * (time - 0.31).clamp(0.0, 0.01)), DQuat::IDENTITY));
@@ -491,7 +451,7 @@ fn objects_of_two_hands_do_not_pass_in_steps_of_varying_length() {
 /// from below with a plate of its own beside that. Returns how deep the ball is in the first plate, m, and
 /// its heights, m.
 fn struck_at_a_plate(steps: fn(u64) -> Steps, rate: f64, response: Response, join: Join) -> (f64, Vec<f64>) {
-    let (probe, half) = (ball(0.01), block(DVec3::new(0.1, 0.05, 0.005)));
+    let (probe, half) = (ball(0.01, (12, 24)), block(DVec3::new(0.1, 0.05, 0.005)));
     let own = Pose::from_translation(DVec3::new(0.0, 0.026, -0.0025));
     let falling: Hand =
         Box::new(|time| (DVec3::Z * (0.012 + 0.006 * (TAU * time / 0.2).cos()), DQuat::IDENTITY));

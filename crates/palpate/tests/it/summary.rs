@@ -1,7 +1,7 @@
 //! Summaries of sessions: what they say of touch is what the recording shows, at any rate of contact queries,
 //! and what they say of stages comes from those that ran.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use palpate::device::{
     DeviceError, DeviceState, Emulation, HapticDevice, IntendedPath, Interpolation, Keyframe, MotionPath,
@@ -13,48 +13,17 @@ use palpate::settings::{
 };
 use palpate::telemetry::Span;
 use palpate::{
-    ContactTiming, DynamicBody, HapticRenderer, LockstepSession, Object, Pose, Record, Scene, Settings,
-    Summary, TriMesh, Twist, Wrench,
+    ContactTiming, DynamicBody, HapticRenderer, LockstepSession, Pose, Record, Scene, Settings, Summary,
+    Twist, Wrench,
 };
+
+use super::bodies::{ball, block};
 
 /// Radius of the ball, m.
 const RADIUS: f64 = 0.01;
 
 /// Contact force from which on a row of a recording shows a touch, N: beyond rounding.
 const FORCE: f64 = 1e-6;
-
-/// A box with these edges, m, about the origin.
-fn block(name: &str, edges: DVec3) -> Object {
-    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
-    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    let mesh = TriMesh::new((0..8).map(|i| corner(i) * edges).collect(), triangles).expect("a mesh");
-    Object::from_mesh(name, &mesh).expect("a box")
-}
-
-/// A ball of [`RADIUS`].
-fn ball() -> Object {
-    let (rings, around) = (16_u32, 32_u32);
-    let mut vertices = vec![DVec3::NEG_Z * RADIUS, DVec3::Z * RADIUS];
-    for ring in 1..rings {
-        let (sin, cos) = (PI * f64::from(ring) / f64::from(rings)).sin_cos();
-        vertices.extend((0..around).map(|i| {
-            let (y, x) = (TAU * f64::from(i) / f64::from(around)).sin_cos();
-            RADIUS * DVec3::new(sin * x, sin * y, -cos)
-        }));
-    }
-    let at = |ring: u32, i: u32| 2 + (ring - 1) * around + i % around;
-    let mut triangles = Vec::new();
-    for i in 0..around {
-        triangles.push([0, at(1, i + 1), at(1, i)]);
-        triangles.push([1, at(rings - 1, i), at(rings - 1, i + 1)]);
-        for ring in 1..rings - 1 {
-            triangles.push([at(ring, i), at(ring, i + 1), at(ring + 1, i + 1)]);
-            triangles.push([at(ring, i), at(ring + 1, i + 1), at(ring + 1, i)]);
-        }
-    }
-    Object::from_mesh("ball", &TriMesh::new(vertices, triangles).expect("a mesh")).expect("a ball")
-}
 
 /// A hand whose probe is at a height (m) above where it touches the plate, by time (s).
 fn hand(height: impl Fn(f64) -> f64 + Send + 'static) -> IntendedPath {
@@ -74,9 +43,9 @@ fn renderer(path: IntendedPath, settings: Settings) -> HapticRenderer {
 
 /// The same on a device.
 fn on(device: impl HapticDevice + 'static, settings: Settings) -> HapticRenderer {
-    let plate = block("plate", DVec3::new(0.06, 0.06, 0.01));
+    let plate = block(DVec3::new(0.06, 0.06, 0.01));
     let scene = Scene::new().with(plate, Pose::from_translation(DVec3::NEG_Z * 0.005));
-    HapticRenderer::new(ball(), scene, Box::new(device), settings).expect("a session")
+    HapticRenderer::new(ball(RADIUS, (16, 32)), scene, Box::new(device), settings).expect("a session")
 }
 
 fn by(method: ContactSearch, response: Response) -> Settings {
@@ -174,7 +143,7 @@ fn stages_are_those_that_ran() {
 
     let mut mixed = renderer(above(), settings);
     let mut editor = mixed.scene_editor();
-    let feather = block("feather", DVec3::splat(0.01));
+    let feather = block(DVec3::splat(0.01));
     let id = editor.add(&feather, Pose::from_translation(DVec3::X * 0.1)).expect("room");
     let body = DynamicBody {
         mass: 1e-3,
@@ -302,7 +271,7 @@ fn both_of_two_hands_touch() {
         let settings = by(ContactSearch::Automatic, response);
         let open = |path: IntendedPath| {
             let device = Box::new(Emulation::default().open(path).expect("an emulation"));
-            HapticRenderer::new(ball(), Scene::new(), device, settings).expect("a session")
+            HapticRenderer::new(ball(RADIUS, (16, 32)), Scene::new(), device, settings).expect("a session")
         };
         let near = |time: f64| RADIUS + 1e-3 - 2e-3 * ((time - 0.2) / 0.3).clamp(0.0, 1.0);
         let still = |z: f64| (Pose::from_translation(DVec3::Z * z), Twist::ZERO);

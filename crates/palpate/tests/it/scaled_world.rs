@@ -6,16 +6,9 @@ use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{
     ContactSearch, ContactSettings, CouplingSettings, DeviceSettings, SearchSettings, ToolSettings,
 };
-use palpate::{ContactTiming, HapticRenderer, Object, Pose, Scene, SceneId, Settings, TriMesh, Twist};
+use palpate::{ContactTiming, HapticRenderer, Pose, Scene, SceneId, Settings, Twist};
 
-/// A box with these edges about the origin, m.
-fn block(edges: DVec3) -> Object {
-    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
-    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    let mesh = TriMesh::new((0..8).map(|i| corner(i) * edges).collect(), triangles).expect("a mesh");
-    Object::from_mesh("box", &mesh).expect("a box")
-}
+use super::bodies::block;
 
 /// Pose of the hand at a time (s): it presses a box on a plate, and slides, turns and tilts it.
 fn hand(time: f64) -> Pose {

@@ -9,9 +9,9 @@ use std::sync::atomic::AtomicBool;
 use palpate::device::{DeviceError, DeviceState, Emulation, HapticDevice, IntendedPath, Specification};
 use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{CouplingSettings, ToolSettings};
-use palpate::{
-    ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, TriMesh, Twist, Wrench, explore,
-};
+use palpate::{ContactTiming, HapticRenderer, Pose, Record, Scene, Settings, Twist, Wrench, explore};
+
+use super::bodies::block;
 
 /// Largest force above 20 Hz in free space, and at rest in contact, N rms.
 const FREE: f64 = 5e-3;
@@ -54,15 +54,6 @@ impl<D: HapticDevice> HapticDevice for Unstated<D> {
     fn close(&mut self) -> Result<(), DeviceError> {
         self.0.close()
     }
-}
-
-/// A box with these edges, m.
-fn block(edges: DVec3) -> Object {
-    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
-    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    let mesh = TriMesh::new((0..8).map(|i| corner(i) * edges).collect(), triangles).expect("a mesh");
-    Object::from_mesh("box", &mesh).expect("a box")
 }
 
 fn settings(mass: f64) -> Settings {

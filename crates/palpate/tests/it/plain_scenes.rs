@@ -9,29 +9,13 @@ use palpate::dynamics::BodyState;
 use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{ContactSearch, ContactSettings, DetailSettings, Response, SearchSettings};
 use palpate::{
-    ContactTiming, Events, HandlePlacement, HapticRenderer, Object, Pose, Record, Scene, Settings, TriMesh,
-    Twist,
+    ContactTiming, Events, HandlePlacement, HapticRenderer, Object, Pose, Record, Scene, Settings,
 };
+
+use super::bodies::{block, block_about, object, path};
 
 /// Largest overlap, m.
 const OVERLAP: f64 = 2e-5;
-
-fn object(vertices: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Object {
-    Object::from_mesh("solid", &TriMesh::new(vertices, triangles).expect("a mesh")).expect("an object")
-}
-
-/// A box with these edges about the origin, m.
-fn block(edges: DVec3) -> Object {
-    block_at(edges, DVec3::ZERO)
-}
-
-/// The same about a point (m).
-fn block_at(edges: DVec3, middle: DVec3) -> Object {
-    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
-    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    object((0..8).map(|i| middle + corner(i) * edges).collect(), triangles)
-}
 
 /// Two pyramids of `sides` sides with a radius and heights (m) above and below the plane z = 0.
 fn spindle(sides: u32, radius: f64, heights: (f64, f64)) -> Object {
@@ -47,7 +31,7 @@ fn spindle_at(sides: u32, radius: f64, (above, below): (f64, f64), middle: DVec3
     vertices.iter_mut().for_each(|vertex| *vertex += middle);
     let at = |i: u32| 2 + i % sides;
     let triangles = (0..sides).flat_map(|i| [[0, at(i + 1), at(i)], [1, at(i), at(i + 1)]]).collect();
-    object(vertices, triangles)
+    object("solid", vertices, triangles)
 }
 
 /// A plate of 100 × 100 × 20 mm with a cone of a radius and a height (m) under its middle: one surface, whose
@@ -80,14 +64,7 @@ fn plate_with_a_cone(radius: f64, tall: f64) -> Object {
         let ends = [[0, at(0, i + 1), at(0, i)], [last, at(2, i), at(2, i + 1)]];
         ends.into_iter().chain(walls.into_iter().flatten())
     });
-    object(vertices, triangles.collect())
-}
-
-fn path(f: impl Fn(f64) -> DVec3 + Send + 'static) -> IntendedPath {
-    IntendedPath::function(move |time| {
-        let linear = (f(time + 5e-5) - f(time - 5e-5)) / 1e-4;
-        (Pose::from_translation(f(time)), Twist { linear, angular: DVec3::ZERO })
-    })
+    object("solid", vertices, triangles.collect())
 }
 
 /// Settings with a response, without distance fields, which constraints do not use.
@@ -118,7 +95,8 @@ fn session_with(
     settings: Settings,
     (rate, seconds): (f64, f64),
 ) -> (Vec<Record>, Events) {
-    let device = Emulation::default().open(path(hand)).expect("an emulation");
+    let device =
+        Emulation::default().open(path(move |time| (hand(time), DQuat::IDENTITY))).expect("an emulation");
     let placed = scene
         .iter()
         .fold(Scene::new(), |scene, (object, at)| scene.with(object.clone(), Pose::from_translation(*at)));
@@ -206,7 +184,9 @@ fn pairs_take_little_memory_and_give_it_back() {
     let scene = bed(64, 0.007)
         .iter()
         .fold(Scene::new(), |scene, (_, at)| scene.with(spindle.clone(), Pose::from_translation(*at)));
-    let device = Emulation::default().open(path(|_| DVec3::Z)).expect("an emulation");
+    let device = Emulation::default()
+        .open(IntendedPath::Still(Pose::from_translation(DVec3::Z)))
+        .expect("an emulation");
     let renderer = HapticRenderer::new(plate, scene, Box::new(device), settings(Response::Constraints));
     let (_, mut contact, _) = renderer.expect("a session").into_loops();
     let mut bytes = |z: f64, times: std::ops::Range<u32>| {
@@ -331,7 +311,7 @@ fn slot(half: f64, height: f64, length: f64) -> Object {
         [[i, i + 8, next], [next, i + 8, next + 8]]
     });
     let caps = cap.into_iter().flat_map(|[a, b, c]| [[a, b, c], [a + 8, c + 8, b + 8]]);
-    object(ends.concat(), sides.chain(caps).collect())
+    object("solid", ends.concat(), sides.chain(caps).collect())
 }
 
 /// A pin that rests on one wall of a slot is held by the other one, too, whenever contacts are found.
@@ -481,7 +461,7 @@ fn meshes_far_from_their_origins_are_held() {
             let at = DVec3::new(0.02 * time, 0.0, 0.015 - 0.02 * (time / 0.5).min(1.0));
             placement.device_pose(&Pose::from_translation(at - offset)).translation
         };
-        let slab = (block_at(DVec3::new(0.5, 0.5, 0.02), offset), DVec3::Z * -0.01 - offset);
+        let slab = (block_about(offset, DVec3::new(0.5, 0.5, 0.02)), DVec3::Z * -0.01 - offset);
         let (records, _) = session_with(&probe, &[slab], hand, settings, (100.0, 1.5));
         assert!(
             records.iter().any(|record| record.contact.force.length() > 0.5),

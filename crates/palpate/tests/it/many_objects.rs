@@ -1,49 +1,18 @@
 //! Scenes of many objects: those that are far do not hold a body, and none takes much memory.
 #![expect(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use palpate::device::{Emulation, IntendedPath};
 use palpate::dynamics::BodyState;
 use palpate::glam::DVec3;
 use palpate::settings::{ContactSearch, ContactSettings, Response, SearchSettings};
-use palpate::{
-    ContactTiming, HapticRenderer, Object, Pose, Record, Scene, SceneId, Settings, TriMesh, Twist,
-};
+use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, SceneId, Settings, Twist};
+
+use super::bodies::{ball, block};
 
 /// Largest overlap, m.
 const OVERLAP: f64 = 2e-5;
-
-/// A box with these edges about the origin, m.
-fn block(edges: DVec3) -> Object {
-    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
-    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    let mesh = TriMesh::new((0..8).map(|i| corner(i) * edges).collect(), triangles).expect("a mesh");
-    Object::from_mesh("box", &mesh).expect("a box")
-}
-
-/// A ball of `2 sides (sides - 1)` triangles with a radius, m.
-fn ball(radius: f64, sides: u32) -> Object {
-    let ring = |ring: u32| {
-        (0..sides).map(move |i| {
-            let (down, around) =
-                (PI * f64::from(ring) / f64::from(sides), TAU * f64::from(i) / f64::from(sides));
-            radius * DVec3::new(down.sin() * around.cos(), down.sin() * around.sin(), down.cos())
-        })
-    };
-    let mut vertices = vec![DVec3::Z * radius, DVec3::NEG_Z * radius];
-    vertices.extend((1..sides).flat_map(ring));
-    let at = |ring: u32, i: u32| 2 + (ring - 1) * sides + i % sides;
-    let caps =
-        (0..sides).flat_map(|i| [[0, at(1, i), at(1, i + 1)], [1, at(sides - 1, i + 1), at(sides - 1, i)]]);
-    let walls = (1..sides - 1).flat_map(|ring| (0..sides).map(move |i| (ring, i))).flat_map(|(ring, i)| {
-        let [a, b, c, d] = [at(ring, i), at(ring, i + 1), at(ring + 1, i), at(ring + 1, i + 1)];
-        [[a, c, b], [b, c, d]]
-    });
-    let mesh = TriMesh::new(vertices, caps.chain(walls).collect()).expect("a mesh");
-    Object::from_mesh("ball", &mesh).expect("a ball")
-}
 
 fn settings(method: ContactSearch, response: Response) -> Settings {
     Settings {
@@ -130,7 +99,7 @@ fn a_rod_moves_freely_among_objects_that_are_far_from_it() {
 
 /// A plate of 8 cm between 64 beads and a slab, which it touches, beads first.
 fn beads_and_a_slab() -> (Object, Vec<(Object, DVec3)>) {
-    let (bead, slab) = (ball(2.8e-3, 28), block(DVec3::new(0.1, 0.1, 0.02)));
+    let (bead, slab) = (ball(2.8e-3, (28, 28)), block(DVec3::new(0.1, 0.1, 0.02)));
     let at = |i: u32| DVec3::new(f64::from(i % 8) - 3.5, f64::from(i / 8) - 3.5, -0.4) * 0.007;
     let mut scene: Vec<_> = (0..64).map(|i| (bead.clone(), at(i))).collect();
     scene.push((slab, DVec3::Z * 0.03));

@@ -11,58 +11,16 @@ use palpate::settings::{
 };
 use palpate::{
     ContactTiming, HapticRenderer, LockstepSession, Object, Pose, Record, Scene, SceneEditor, SceneId,
-    Settings, TriMesh, Twist,
+    Settings, Twist,
 };
+
+use super::bodies::{ball, block, block_about, path, turned};
 
 /// Largest overlap that constraints leave, m.
 const OVERLAP: f64 = 2e-5;
 
 /// The same where contacts found at 50 Hz are with many small faces.
 const LATE_OVERLAP: f64 = 1e-4;
-
-/// A box with these edges, m, about the origin.
-fn block(edges: DVec3) -> Object {
-    block_about(DVec3::ZERO, edges)
-}
-
-/// A box with these edges about a centre, m.
-fn block_about(center: DVec3, edges: DVec3) -> Object {
-    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
-    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-    let mesh = TriMesh::new((0..8).map(|i| center + corner(i) * edges).collect(), triangles).expect("a mesh");
-    Object::from_mesh("box", &mesh).expect("a box")
-}
-
-/// A solid of revolution about z: the profile (radius, height) from the bottom of the axis to its top, m.
-fn turned(name: &str, profile: &[(f64, f64)], segments: u32) -> Object {
-    let rim = &profile[1..profile.len() - 1];
-    let mut vertices = vec![DVec3::Z * profile[0].1, DVec3::Z * profile[profile.len() - 1].1];
-    for i in 0..segments {
-        let (sin, cos) = (TAU * f64::from(i) / f64::from(segments)).sin_cos();
-        vertices.extend(rim.iter().map(|&(r, z)| DVec3::new(r * cos, r * sin, z)));
-    }
-    let count = rim.len() as u32;
-    let at = |i: u32, j: u32| 2 + (i % segments) * count + j;
-    let mut triangles = Vec::new();
-    for i in 0..segments {
-        triangles.push([0, at(i + 1, 0), at(i, 0)]);
-        triangles.push([1, at(i, count - 1), at(i + 1, count - 1)]);
-        for j in 0..count - 1 {
-            triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
-            triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
-        }
-    }
-    let mesh = TriMesh::new(vertices, triangles).expect("a mesh");
-    Object::from_mesh(name, &mesh).expect("a solid")
-}
-
-/// A ball of 1 cm.
-fn ball() -> Object {
-    let at = |i: u32| (0.01 * (PI * f64::from(i) / 12.0).sin(), -0.01 * (PI * f64::from(i) / 12.0).cos());
-    let profile: Vec<_> = (0..=12).map(at).collect();
-    turned("ball", &profile, 24)
-}
 
 /// A cup whose hollow is a hemisphere of 1.2 cm, its rim at z = 0.
 fn cup() -> Object {
@@ -147,18 +105,6 @@ impl Rig {
     }
 }
 
-fn path(f: impl Fn(f64) -> (DVec3, DQuat) + Send + 'static) -> IntendedPath {
-    IntendedPath::function(move |time| {
-        let at = |time: f64| {
-            let (translation, rotation) = f(time);
-            Pose::new(translation, rotation)
-        };
-        let (before, after) = (at(time - 5e-5), at(time + 5e-5));
-        let linear = (after.translation - before.translation) / 1e-4;
-        (at(time), Twist::new(linear, before.rotation_vector_to(&after) / 1e-4))
-    })
-}
-
 /// A hand that presses a box on a plate, and slides, turns and tilts it around a place.
 fn rubbing(at: DVec3) -> IntendedPath {
     path(move |time| rubbed_pose(at, time))
@@ -239,7 +185,7 @@ fn a_box_with_late_contacts_slides_as_with_early_ones() {
 
 #[test]
 fn a_ball_swirls_in_a_cup() {
-    let (probe, cup) = (ball(), cup());
+    let (probe, cup) = (ball(0.01, (12, 24)), cup());
     for (search, rate, steps) in [(0, 250.0, 800), (0, 50.0, 1500), (1, 250.0, 800), (1, 50.0, 1500)] {
         let swirl = |time: f64| {
             let (angle, down) = (TAU * time, (time / 0.3).min(1.0));

@@ -1,49 +1,11 @@
 //! Bodies that start in an overlap from opposite sides, which no motion undoes, with contacts as constraints.
 #![expect(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
 
-use std::f64::consts::{PI, TAU};
-
-use palpate::device::{Emulation, IntendedPath};
+use palpate::device::Emulation;
 use palpate::glam::{DQuat, DVec3};
-use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings, TriMesh, Twist};
+use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, Settings};
 
-fn object(name: &str, vertices: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Object {
-    Object::from_mesh(name, &TriMesh::new(vertices, triangles).expect("a mesh")).expect("an object")
-}
-
-/// Triangles of quadrangles.
-fn halved(faces: impl IntoIterator<Item = [u32; 4]>) -> Vec<[u32; 3]> {
-    faces.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect()
-}
-
-/// A box with these edges about the origin, m.
-fn block(edges: DVec3) -> Object {
-    let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)) - 0.5;
-    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    object("box", (0..8).map(|i| corner(i) * edges).collect(), halved(faces))
-}
-
-/// A ball of a radius (m) with poles on z.
-fn ball(radius: f64) -> Object {
-    let (rings, segments) = (18, 36);
-    let mut vertices = vec![DVec3::NEG_Z * radius, DVec3::Z * radius];
-    for i in 1..rings {
-        let (s, c) = (PI * f64::from(i) / f64::from(rings)).sin_cos();
-        vertices.extend((0..segments).map(|j| {
-            let (sin, cos) = (TAU * f64::from(j) / f64::from(segments)).sin_cos();
-            DVec3::new(s * cos, s * sin, -c) * radius
-        }));
-    }
-    let at = |i: u32, j: u32| 2 + (i - 1) * segments + j % segments;
-    let mut triangles = Vec::new();
-    for j in 0..segments {
-        triangles.push([0, at(1, j + 1), at(1, j)]);
-        triangles.push([1, at(rings - 1, j), at(rings - 1, j + 1)]);
-        triangles
-            .extend(halved((1..rings - 1).map(|i| [at(i, j), at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)])));
-    }
-    object("ball", vertices, triangles)
-}
+use super::bodies::{ball, block, halved, object, path};
 
 /// A prism along an axis `up` from −`half` to `half` (m), of outlines around it counterclockwise, of which
 /// quadrangles of corners make up the caps.
@@ -78,18 +40,6 @@ fn plate() -> Object {
     inner[1..].reverse();
     let caps = [[0, 1, 7, 4], [1, 2, 6, 7], [2, 3, 5, 6], [3, 0, 4, 5]];
     prism("plate", 0.0075, &[&outer, &inner], DVec3::Z, &caps)
-}
-
-fn path(f: impl Fn(f64) -> (DVec3, DQuat) + Send + 'static) -> IntendedPath {
-    IntendedPath::function(move |time| {
-        let at = |time: f64| {
-            let (translation, rotation) = f(time);
-            Pose::new(translation, rotation)
-        };
-        let (before, after) = (at(time - 5e-5), at(time + 5e-5));
-        let linear = (after.translation - before.translation) / 1e-4;
-        (at(time), Twist::new(linear, before.rotation_vector_to(&after) / 1e-4))
-    })
 }
 
 /// Records of a hand that follows a path with a probe in a scene, and the smallest energy at the device, J.
@@ -128,7 +78,7 @@ fn a_shaft_that_starts_in_a_press_fit_is_free_along_its_hole() {
 /// A ball that two plates overlap by 0.5 mm each is dragged along them and out over their edges.
 #[test]
 fn a_ball_between_plates_that_overlap_it_is_free_along_them() {
-    let (ball, plate) = (ball(0.005), block(DVec3::new(0.04, 0.04, 0.02)));
+    let (ball, plate) = (ball(0.005, (18, 36)), block(DVec3::new(0.04, 0.04, 0.02)));
     let hand = |time: f64| (DVec3::X * 0.03 * (time - 0.2).clamp(0.0, 1.0), DQuat::IDENTITY);
     let plates = [1.0, -1.0].map(|side| (&plate, DVec3::Z * (0.0145 * side)));
     let (records, energy) = session(&ball, &plates, hand, (500.0, 1.4));
