@@ -137,8 +137,11 @@ fn test() -> Result<(), Failure> {
 
 fn run_tests(steps: &mut Steps) -> Result<(), Failure> {
     let test = [["test", "--locked"].as_slice(), &WORKSPACE].concat();
-    steps.cargo("compile the tests", &[&test, ["--no-run"].as_slice()].concat(), &[])?;
-    steps.cargo("run the tests", &test, &[])
+    // Without the examples, which clippy compiles too, and nothing here runs.
+    let tests = [&test, ["--tests"].as_slice()].concat();
+    steps.cargo("compile the tests", &[&tests, ["--no-run"].as_slice()].concat(), &[])?;
+    steps.cargo("run the tests", &tests, &[])?;
+    steps.cargo("run the tests in documentation", &[&test, ["--doc"].as_slice()].concat(), &[])
 }
 
 fn ci(full: bool) -> Result<(), Failure> {
