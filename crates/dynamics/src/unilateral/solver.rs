@@ -175,6 +175,7 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
                     let wanted = contact.wanted(recovery);
                     let held = if wanted > 0.0 { 1.0 - velocity / wanted } else { 1.0 };
                     let pressed = contact.normal.dot(contact.impulse).max(0.0);
+                    // It yields by c p in a step: by what the last impulse yielded, it comes back.
                     let yielded = pressed / normals.sides()[index].stiffness;
                     normals.change_excess(index, velocity - wanted + held * UNYIELDING * yielded);
                 }
