@@ -156,9 +156,9 @@ fn stages_are_those_that_ran() {
     let mut session = mixed.lockstep(ContactTiming::busy(500.0));
     steps(&mut session, 20);
     let stages = session.finish().summary().stages;
-    assert_eq!(stages["contact response"], "constraints; penalties with feather (light)");
-    assert_eq!(stages["proxy"], "on: by its setting, for penalties with feather (light)");
-    assert_eq!(stages["clustering"], "on beyond 5 contacts, for penalties with feather (light)");
+    assert_eq!(stages["contact response"], "constraints; penalties with box (light)");
+    assert_eq!(stages["proxy"], "on: by its setting, for penalties with box (light)");
+    assert_eq!(stages["clustering"], "on beyond 5 contacts, for penalties with box (light)");
     assert_eq!(stages["contact query"], "on: 2 scene objects", "the one that was added as well");
 
     // Once it is gone, what ran is still told.
