@@ -35,11 +35,6 @@ pub(super) const ROUND_TOLERANCE: f64 = 1e-4;
 /// contacts are not unique and wander; with much more, contacts are felt to yield.
 pub(super) const COMPLIANCE: f64 = 1e-4;
 
-/// Share of an impulse of the last step to which overlaps that are held do not yield: nothing else undoes
-/// what they grow by. With less, a body that is pressed into a wedge creeps into its walls; with 1, walls that
-/// squeeze it never relax.
-const UNYIELDING: f64 = 0.9;
-
 /// Friction of one contact that has pushed.
 #[derive(Clone, Copy)]
 struct Friction<const N: usize> {
@@ -172,12 +167,7 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
         if let Some(velocities) = shared(contacts, normals.sides(), (dt, recovery)) {
             for (index, (contact, velocity)) in contacts.iter().zip(velocities).enumerate() {
                 if contact.gap < 0.0 {
-                    let wanted = contact.wanted(recovery);
-                    let held = if wanted > 0.0 { 1.0 - velocity / wanted } else { 1.0 };
-                    let pressed = contact.normal.dot(contact.impulse).max(0.0);
-                    // It yields by c p in a step: by what the last impulse yielded, it comes back.
-                    let yielded = pressed / normals.sides()[index].stiffness;
-                    normals.change_excess(index, velocity - wanted + held * UNYIELDING * yielded);
+                    normals.change_excess(index, velocity - contact.wanted(recovery));
                 }
             }
         }
