@@ -20,7 +20,7 @@ use crate::scene::moving::Pushable;
 
 /// Largest number of guarded points. With more, it takes longer to copy them; with fewer, minima of the
 /// distance between detailed surfaces are missed.
-pub(crate) const MAX_POINTS: usize = 2048;
+pub(crate) const MAX_POINTS: usize = 1024;
 
 /// Largest number of contacts of a step. With fewer, bodies wait where many points touch.
 const MAX_CONTACTS: usize = 1024;
