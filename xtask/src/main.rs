@@ -118,8 +118,8 @@ fn experiment(name: &str, passed: &Passed) -> Result<(), Failure> {
 /// whose SDK takes many minutes to build: `cargo test -p palpate-rerun` tests it.
 const WORKSPACE: [&str; 4] = ["--workspace", "--exclude", "palpate-rerun", "--all-features"];
 
-/// Profile setting without which a clean build takes longer: lines in backtraces, which nobody reads there.
-const FROM_SCRATCH: [(&str, &str); 1] = [("CARGO_PROFILE_DEV_DEBUG", "0")];
+/// Profile setting with which a clean build takes less time. Backtraces then have no line numbers.
+const NO_DEBUG_INFO: [(&str, &str); 1] = [("CARGO_PROFILE_DEV_DEBUG", "0")];
 
 fn test() -> Result<(), Failure> {
     packages::ensure_vulkan()?;
@@ -144,7 +144,7 @@ fn ci(full: bool) -> Result<(), Failure> {
     steps.cargo("formatting", &["fmt", "--all", "--check"], &[])?;
     packages::ensure_vulkan()?;
     packages::try_players();
-    run_tests(&mut steps, &FROM_SCRATCH)?;
+    run_tests(&mut steps, &NO_DEBUG_INFO)?;
     let strict = ["--all-targets", "--", "-D", "warnings"];
     steps.cargo("clippy", &[["clippy", "--locked"].as_slice(), &WORKSPACE, &strict].concat(), &[])?;
     // One package at a time, since cargo unifies the features of packages that it checks together.
@@ -159,8 +159,8 @@ fn ci(full: bool) -> Result<(), Failure> {
     let plain = [doc.as_slice(), &["--package", "palpate"]].concat();
     steps.cargo("documentation without features", &plain, &warnings)?;
     steps.run("page of dependencies", dependencies::check)?;
-    let has_deny = Command::new("cargo").args(["deny", "--version"]).output();
-    let has_deny = has_deny.is_ok_and(|output| output.status.success());
+    let deny = Command::new("cargo").args(["deny", "--version"]).output();
+    let has_deny = deny.is_ok_and(|output| output.status.success());
     if full && !has_deny {
         // Without optimisation, since it takes far longer to compile than to run.
         let install = ["install", "cargo-deny", "--version", "0.20.2", "--locked", "--debug"];

@@ -22,9 +22,6 @@ use crate::scene::moving::Pushable;
 /// distance between detailed surfaces are missed.
 pub(crate) const MAX_POINTS: usize = 1024;
 
-/// Largest number of contacts of a step. With fewer, bodies wait where many points touch.
-const MAX_CONTACTS: usize = 1024;
-
 /// Number of numbers that are compared at once.
 const LANES: usize = 8;
 
@@ -122,14 +119,14 @@ pub(crate) struct Slacks {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct StepContacts {
     /// With the indices of their points as keys.
-    pub contacts: ArrayVec<UnilateralContact, MAX_CONTACTS>,
+    pub contacts: ArrayVec<UnilateralContact, MAX_POINTS>,
     /// Whether these indices are those of the next step's points, too.
     is_known: bool,
     /// Where their arms are along x when they are found, by which most are told apart, m; infinite in the
     /// lanes beyond the last.
-    along: ArrayVec<[f64; LANES], { MAX_CONTACTS.div_ceil(LANES) }>,
+    along: ArrayVec<[f64; LANES], { MAX_POINTS.div_ceil(LANES) }>,
     /// Distances of their points from the other surfaces when they are found, m.
-    nearest: ArrayVec<f64, MAX_CONTACTS>,
+    nearest: ArrayVec<f64, MAX_POINTS>,
     /// Largest motion of any point of the body in the step that meets no other point, m.
     pub room: f64,
     /// Largest depth, m; 0 if nothing overlaps.
@@ -139,7 +136,7 @@ pub(crate) struct StepContacts {
     /// Indices of the points that the step may bring into contact.
     near: ArrayVec<u16, MAX_POINTS>,
     /// Contacts without which the step is taken again.
-    aside: ArrayVec<UnilateralContact, MAX_CONTACTS>,
+    aside: ArrayVec<UnilateralContact, MAX_POINTS>,
     /// Number of times that the step was taken.
     taken: u32,
     /// Number of measurements of points that are left for taking it again.
@@ -455,8 +452,7 @@ impl StepContacts {
 
     /// Adds the contact of a point at a distance `nearest` (m) from the other surface, or merges it with one
     /// that is the same, of those with its own object: from the index `own` on. The nearest of the points
-    /// that meet one place stands for them, as the others may be on leashes elsewhere. Where there is no room
-    /// for it, the body waits.
+    /// that meet one place stands for them, as the others may be on leashes elsewhere.
     #[inline(always)]
     fn add(&mut self, own: usize, contact: UnilateralContact, nearest: f64) {
         if let Some(index) = self.at(own, contact.arm, contact.normal) {
@@ -467,9 +463,7 @@ impl StepContacts {
                 self.along[index / LANES][index % LANES] = contact.arm.x;
             }
             known.gap = gap;
-        } else if self.contacts.is_full() {
-            self.room = 0.0;
-        } else {
+        } else if !self.contacts.is_full() {
             self.nearest.push(nearest);
             self.push(contact);
         }
@@ -699,9 +693,10 @@ pub(super) mod tests {
         }
     }
 
-    /// A contact at a place along x, m.
-    fn contact(x: f64) -> UnilateralContact {
-        UnilateralContact {
+    /// A place that several points come to is one contact with each object, and not one of all.
+    #[test]
+    fn contacts_with_different_objects_stay_apart() {
+        let contact = |x: f64| UnilateralContact {
             arm: DVec3::X * x,
             normal: DVec3::NEG_Z,
             gap: 1e-6,
@@ -710,12 +705,7 @@ pub(super) mod tests {
             impulse: DVec3::ZERO,
             pushed: None,
             key: 0,
-        }
-    }
-
-    /// A place that several points come to is one contact with each object, and not one of all.
-    #[test]
-    fn contacts_with_different_objects_stay_apart() {
+        };
         for count in [1, LANES - 1, LANES, LANES + 1, 3 * LANES] {
             let mut made = StepContacts { radius: 0.03, ..StepContacts::default() };
             made.clear();
@@ -730,17 +720,6 @@ pub(super) mod tests {
             made.add(count, last, 0.0);
             assert_eq!(made.contacts.len(), count + 1, "{count}: with another object's");
         }
-    }
-
-    #[test]
-    fn a_body_waits_where_contacts_find_no_room() {
-        let mut made = StepContacts { radius: 0.03, ..StepContacts::default() };
-        made.clear();
-        for i in 0..=MAX_CONTACTS {
-            assert_eq!(made.room, f64::INFINITY, "{i} contacts");
-            made.add(0, contact(i as f64), 0.0);
-        }
-        assert_eq!((made.contacts.len(), made.room), (MAX_CONTACTS, 0.0));
     }
 
     /// After a step that was refused, contacts may still have impulses that were taken over, more than a step

@@ -10,6 +10,12 @@ pub fn object(name: &str, vertices: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Obj
     Object::from_mesh(name, &TriMesh::new(vertices, triangles).expect("a mesh")).expect("an object")
 }
 
+/// The same object under another name.
+pub fn named(name: &str, mut object: Object) -> Object {
+    name.clone_into(&mut object.name);
+    object
+}
+
 /// Triangles of quadrangles.
 pub fn halved(faces: impl IntoIterator<Item = [u32; 4]>) -> Vec<[u32; 3]> {
     faces.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect()
@@ -47,7 +53,7 @@ pub fn turned(name: &str, profile: &[(f64, f64)], segments: u32) -> Object {
     object(name, vertices, triangles)
 }
 
-/// A ball of a radius (m) with its poles on z, of so many rings of faces.
+/// A ball of a radius (m) with its poles on z, of so many rings of so many faces.
 pub fn ball(radius: f64, (rings, segments): (u32, u32)) -> Object {
     let at = |i: u32| {
         let (sin, cos) = (PI * f64::from(i) / f64::from(rings)).sin_cos();

@@ -7,13 +7,11 @@ use std::f64::consts::TAU;
 use palpate::device::{Emulation, IntendedPath};
 use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{ContactSearch, ContactSettings, Response, SearchSettings};
-use palpate::{
-    ContactTiming, HapticRenderer, LockstepSession, Object, Pose, Scene, Settings, TriMesh, Twist,
-};
+use palpate::{ContactTiming, HapticRenderer, LockstepSession, Object, Pose, Scene, Settings};
 use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
 
-use super::bodies::block;
+use super::bodies::{block, object, path};
 
 /// Largest lateral contact force on flat floors, N, and jump of the coupling's force along an axis from step
 /// to step, N: on a plane without edges, the device's encoders make it jump by 0.038 N.
@@ -63,7 +61,7 @@ fn slab(
         wall(at(nx - 1, j), at(nx - 1, j + 1));
         wall(at(0, j + 1), at(0, j));
     }
-    Object::from_mesh("floor", &TriMesh::new(vertices, triangles).expect("a mesh")).expect("a floor")
+    object("floor", vertices, triangles)
 }
 
 /// Numbers from −`half` to `half`.
@@ -117,7 +115,7 @@ fn prism(sides: u32, (radius, length): (f64, f64), turn: DQuat, phase: f64) -> O
         triangles.extend([[0, b, a], [1, a + 1, b + 1], [a, b, b + 1], [a, b + 1, a + 1]]);
     }
     let vertices: Vec<DVec3> = vertices.into_iter().map(|v| turn * v).collect();
-    Object::from_mesh("prism", &TriMesh::new(vertices, triangles).expect("a mesh")).expect("a prism")
+    object("prism", vertices, triangles)
 }
 
 /// What slides, by name, with the height of its origin over what it lies on, m.
@@ -154,10 +152,7 @@ fn sliding(height: f64, [from, to]: [DVec3; 2], turn: f64) -> IntendedPath {
         let share = ((time - DOWN) / SLIDE).clamp(0.0, 1.0);
         from.lerp(to, share) + DVec3::Z * (TOP + height + 0.002 - 0.004 * pressed)
     };
-    IntendedPath::function(move |time| {
-        let linear = (at(time + 5e-5) - at(time - 5e-5)) / 1e-4;
-        (Pose::new(at(time), DQuat::from_rotation_z(turn)), Twist::new(linear, DVec3::ZERO))
-    })
+    path(move |time| (at(time), DQuat::from_rotation_z(turn)))
 }
 
 /// The largest values of a slide.

@@ -5,11 +5,11 @@ use std::f64::consts::TAU;
 
 use palpate::device::{Emulation, IntendedPath};
 use palpate::dynamics::BodyState;
-use palpate::glam::DVec3;
+use palpate::glam::{DQuat, DVec3};
 use palpate::settings::{ContactSearch, ContactSettings, Response, SearchSettings};
-use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, SceneId, Settings, Twist};
+use palpate::{ContactTiming, HapticRenderer, Object, Pose, Record, Scene, SceneId, Settings};
 
-use super::bodies::{ball, block};
+use super::bodies::{ball, block, path};
 
 /// Largest overlap, m.
 const OVERLAP: f64 = 2e-5;
@@ -52,10 +52,7 @@ const FREE: usize = 1000;
 
 /// Records of a rod in a scene, with contacts at a rate (Hz), and how often it waited.
 fn records(rod: &Object, scene: Vec<(Object, DVec3)>, settings: Settings, rate: f64) -> (Vec<Record>, u64) {
-    let hand = IntendedPath::function(|time| {
-        let linear = (about_and_aside(time + 5e-5) - about_and_aside(time - 5e-5)) / 1e-4;
-        (Pose::from_translation(about_and_aside(time)), Twist { linear, angular: DVec3::ZERO })
-    });
+    let hand = path(|time| (about_and_aside(time), DQuat::IDENTITY));
     let device = Emulation::default().open(hand).expect("an emulation");
     let renderer = HapticRenderer::new(rod.clone(), placed(scene), Box::new(device), settings);
     let mut session = renderer.expect("a session").lockstep(ContactTiming::busy(rate));

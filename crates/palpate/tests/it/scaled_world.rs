@@ -8,7 +8,7 @@ use palpate::settings::{
 };
 use palpate::{ContactTiming, HapticRenderer, Pose, Scene, SceneId, Settings, Twist};
 
-use super::bodies::block;
+use super::bodies::{block, path};
 
 /// Pose of the hand at a time (s): it presses a box on a plate, and slides, turns and tilts it.
 fn hand(time: f64) -> Pose {
@@ -99,13 +99,10 @@ fn carried(scale: f64, height: f64, rate: f64) -> (f64, u64) {
         let up = 0.5 * 20.0 * (time - 0.7).clamp(0.0, 0.05).powi(2) + (time - 0.75).clamp(0.0, 0.03);
         DVec3::new(aside, 0.0, height + up)
     };
-    let path = IntendedPath::function(move |time| {
-        let linear = (hand(time + 5e-5) - hand(time - 5e-5)) / 1e-4;
-        (Pose::from_translation(hand(time)), Twist::new(linear, DVec3::ZERO))
-    });
     let (probe, plate) = (block(DVec3::splat(0.01 * scale)), block(DVec3::new(0.2, 0.2, 0.005) * scale));
     let scene = Scene::new().with(plate, Pose::from_translation(DVec3::Z * -0.0025 * scale));
-    let device = Emulation::default().open(path).expect("an emulation");
+    let hand = path(move |time| (hand(time), DQuat::IDENTITY));
+    let device = Emulation::default().open(hand).expect("an emulation");
     let renderer =
         HapticRenderer::new(probe, scene, Box::new(device), settings(scale, ContactSearch::Levels));
     let mut session = renderer.expect("a session").lockstep(ContactTiming::busy(rate));

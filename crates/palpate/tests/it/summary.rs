@@ -7,7 +7,7 @@ use palpate::device::{
     DeviceError, DeviceState, Emulation, HapticDevice, IntendedPath, Interpolation, Keyframe, MotionPath,
     ReplayDevice, Specification, Status,
 };
-use palpate::glam::{DMat3, DVec3};
+use palpate::glam::{DMat3, DQuat, DVec3};
 use palpate::settings::{
     ContactSearch, ContactSettings, DetailSettings, Response, SearchSettings, ToolSettings,
 };
@@ -17,7 +17,7 @@ use palpate::{
     Twist, Wrench,
 };
 
-use super::bodies::{ball, block};
+use super::bodies::{ball, block, named, path};
 
 /// Radius of the ball, m.
 const RADIUS: f64 = 0.01;
@@ -27,13 +27,7 @@ const FORCE: f64 = 1e-6;
 
 /// A hand whose probe is at a height (m) above where it touches the plate, by time (s).
 fn hand(height: impl Fn(f64) -> f64 + Send + 'static) -> IntendedPath {
-    IntendedPath::function(move |time| {
-        let speed = (height(time + 5e-5) - height(time - 5e-5)) / 1e-4;
-        (
-            Pose::from_translation(DVec3::Z * (RADIUS + height(time))),
-            Twist::new(DVec3::Z * speed, DVec3::ZERO),
-        )
-    })
+    path(move |time| (DVec3::Z * (RADIUS + height(time)), DQuat::IDENTITY))
 }
 
 /// A session of the ball in a hand over a plate, whose face is at z = 0.
@@ -43,7 +37,7 @@ fn renderer(path: IntendedPath, settings: Settings) -> HapticRenderer {
 
 /// The same on a device.
 fn on(device: impl HapticDevice + 'static, settings: Settings) -> HapticRenderer {
-    let plate = block(DVec3::new(0.06, 0.06, 0.01));
+    let plate = named("plate", block(DVec3::new(0.06, 0.06, 0.01)));
     let scene = Scene::new().with(plate, Pose::from_translation(DVec3::NEG_Z * 0.005));
     HapticRenderer::new(ball(RADIUS, (16, 32)), scene, Box::new(device), settings).expect("a session")
 }
@@ -143,7 +137,7 @@ fn stages_are_those_that_ran() {
 
     let mut mixed = renderer(above(), settings);
     let mut editor = mixed.scene_editor();
-    let feather = block(DVec3::splat(0.01));
+    let feather = named("feather", block(DVec3::splat(0.01)));
     let id = editor.add(&feather, Pose::from_translation(DVec3::X * 0.1)).expect("room");
     let body = DynamicBody {
         mass: 1e-3,
@@ -156,9 +150,9 @@ fn stages_are_those_that_ran() {
     let mut session = mixed.lockstep(ContactTiming::busy(500.0));
     steps(&mut session, 20);
     let stages = session.finish().summary().stages;
-    assert_eq!(stages["contact response"], "constraints; penalties with box (light)");
-    assert_eq!(stages["proxy"], "on: by its setting, for penalties with box (light)");
-    assert_eq!(stages["clustering"], "on beyond 5 contacts, for penalties with box (light)");
+    assert_eq!(stages["contact response"], "constraints; penalties with feather (light)");
+    assert_eq!(stages["proxy"], "on: by its setting, for penalties with feather (light)");
+    assert_eq!(stages["clustering"], "on beyond 5 contacts, for penalties with feather (light)");
     assert_eq!(stages["contact query"], "on: 2 scene objects", "the one that was added as well");
 
     // Once it is gone, what ran is still told.
