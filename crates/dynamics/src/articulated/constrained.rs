@@ -18,8 +18,8 @@ use super::{ArticulatedFrame, ArticulatedState, ArticulatedStep};
 use crate::step::StepFailure;
 use crate::system::six;
 use crate::unilateral::tool::{
-    Moved, Pushed, Rows, Solver, Vector, allowed, changed, choose, mobility_factor, next_recovery, push_row,
-    scaled, share, wrench,
+    Moved, Pushed, Rows, SHALLOW, Solver, Vector, allowed, changed, choose, mobility_factor, next_recovery,
+    push_row, scaled, share, wrench,
 };
 use crate::unilateral::{MAX_UNILATERAL, MotionBound, PushedBody, Recovery, UnilateralContact};
 
@@ -105,6 +105,7 @@ pub fn constrained_articulated_step(
         let start = *system.start();
         let mut motion = start.plus(&change, 1.0);
         let mut held_back = false;
+        let shallow = SHALLOW * recovery.scale;
         let recovery = next_recovery(recovery, first.iter().chain(&*second), frame.coupling, dt);
         if !(first.is_empty() && second.is_empty()) {
             let Some(factor) = mobility_factor(matrix) else { return singular() };
@@ -127,7 +128,7 @@ pub fn constrained_articulated_step(
                 1 => find::<13>,
                 _ => find::<25>,
             };
-            let (taken, converged) = solve(&mut solved, &moved, times);
+            let (taken, converged) = solve(&mut solved, &moved, (dt, recovery, shallow));
             status.unconverged = !converged;
             for (contact, solved) in first[..of_first].iter_mut().chain(&mut second[..of_second]).zip(&solved)
             {
@@ -165,12 +166,12 @@ pub fn constrained_articulated_step(
     })
 }
 
-/// Finds the impulses of contacts in a step of `dt` (s) with a largest recovery velocity (m/s). Returns what
-/// they take off the tool's motion, and whether they converged.
+/// Finds the impulses of contacts in a step of `dt` (s) with a largest recovery velocity (m/s), and the depth
+/// of shallow overlaps (m). Returns what they take off the tool's motion, and whether they converged.
 fn find<const N: usize>(
     contacts: &mut [UnilateralContact],
     moved: &Linked<'_>,
-    times: (f64, f64),
+    times: (f64, f64, f64),
 ) -> (Motion, bool) {
     let mut rows = Rows::<N>::default();
     let (felt, converged) = Solver::new(contacts, moved, times, &mut rows).solve();

@@ -59,7 +59,7 @@ mod working_set;
 /// What the steps of all tools share.
 pub(crate) mod tool {
     pub(crate) use super::pushed::Pushed;
-    pub(crate) use super::solver::{Moved, Rows, Solver, push_row, scaled};
+    pub(crate) use super::solver::{Moved, Rows, SHALLOW, Solver, push_row, scaled};
     pub(crate) use super::step::{allowed, changed, mobility_factor, next_recovery, wrench};
     pub(crate) use super::vector::Vector;
     pub(crate) use super::working_set::{choose, share};

@@ -35,6 +35,15 @@ pub(super) const ROUND_TOLERANCE: f64 = 1e-4;
 /// contacts are not unique and wander; with much more, contacts are felt to yield.
 pub(super) const COMPLIANCE: f64 = 1e-4;
 
+/// Share of an impulse of the last step to which overlaps that are held do not yield: nothing else undoes
+/// what they grow by. With less, a body that is pressed into a wedge creeps into its walls; with 1, walls that
+/// squeeze it never relax.
+const UNYIELDING: f64 = 0.9;
+
+/// Depth to which this holds, m at the device; from twice as deep, overlaps yield. With less, bodies creep
+/// into wedges; with more, walls that squeeze a body that starts between them drag at it.
+pub(crate) const SHALLOW: f64 = 2e-5;
+
 /// Friction of one contact that has pushed.
 #[derive(Clone, Copy)]
 struct Friction<const N: usize> {
@@ -142,11 +151,12 @@ pub(crate) fn scaled<const D: usize>(factor: &[Vector<D>; D], row: &Vector<D>) -
 }
 
 impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
-    /// Prepares contacts of what they move for a step of `dt` (s) with a largest recovery velocity (m/s).
+    /// Prepares contacts of what they move for a step of `dt` (s) with a largest recovery velocity (m/s), and
+    /// the depth of shallow overlaps (m).
     pub fn new(
         contacts: &'a [UnilateralContact],
         moved: &'a M,
-        (dt, recovery): (f64, f64),
+        (dt, recovery, shallow): (f64, f64, f64),
         rows: &'a mut Rows<N>,
     ) -> Self {
         let contacts = &contacts[..contacts.len().min(MAX_UNILATERAL)];
@@ -167,7 +177,12 @@ impl<'a, M: Moved<N>, const N: usize> Solver<'a, M, N> {
         if let Some(velocities) = shared(contacts, normals.sides(), (dt, recovery)) {
             for (index, (contact, velocity)) in contacts.iter().zip(velocities).enumerate() {
                 if contact.gap < 0.0 {
-                    normals.change_excess(index, velocity - contact.wanted(recovery));
+                    let wanted = contact.wanted(recovery);
+                    let held = if wanted > 0.0 { 1.0 - velocity / wanted } else { 1.0 };
+                    let unyielding = UNYIELDING * held * (2.0 + contact.gap / shallow).clamp(0.0, 1.0);
+                    let pressed = contact.normal.dot(contact.impulse).max(0.0);
+                    let yielded = pressed / normals.sides()[index].stiffness;
+                    normals.change_excess(index, velocity - wanted + unyielding * yielded);
                 }
             }
         }

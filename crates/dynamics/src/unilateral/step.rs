@@ -5,7 +5,7 @@ use glam::DVec3;
 use palpate_core::{Pose, Twist, Wrench};
 
 use super::pushed::{MAX_PUSHED, Pushed, PushedBody};
-use super::solver::{Rows, Single, Solver};
+use super::solver::{Rows, SHALLOW, Single, Solver};
 use super::vector::{Vector, dot};
 use super::working_set::{MAX_EXCHANGES, choose, exchange, share};
 use super::{MAX_UNILATERAL, MotionBound, RECOVERY_TIME, UnilateralContact};
@@ -85,6 +85,7 @@ pub fn constrained_step(
     };
     let mut twist = Twist::new(state.twist.linear + change.linear, state.twist.angular + change.angular);
     let mut shortened = false;
+    let shallow = SHALLOW * recovery.scale;
     let recovery = next_recovery(recovery, &*contacts, frame.coupling, dt);
     if !contacts.is_empty() {
         let Some(factor) = mobility_factor(matrix) else {
@@ -97,7 +98,7 @@ pub fn constrained_step(
             1 => solved::<12>,
             _ => solved::<{ 6 + 6 * MAX_PUSHED }>,
         };
-        let (held, share, converged) = solve(contacts, &moved, (dt, recovery));
+        let (held, share, converged) = solve(contacts, &moved, (dt, recovery, shallow));
         status.unconverged = !converged;
         shortened = share < 1.0;
         twist = Twist::new(held.linear * share, held.angular * share);
@@ -122,19 +123,19 @@ pub fn constrained_step(
     ConstrainedStep { step, held_back: held_back || shortened, recovery }
 }
 
-/// Finds the impulses of contacts of a body in a step of `dt` (s) with a largest recovery velocity (m/s).
-/// Returns its velocity with them, the share of the step that passes no surface, and whether the impulses
-/// converged.
+/// Finds the impulses of contacts of a body in a step of `dt` (s) with a largest recovery velocity (m/s), and
+/// the depth of shallow overlaps (m). Returns its velocity with them, the share of the step that passes no
+/// surface, and whether the impulses converged.
 fn solved<const N: usize>(
     contacts: &mut [UnilateralContact],
     moved: &Single<'_>,
-    (dt, recovery): (f64, f64),
+    (dt, recovery, shallow): (f64, f64, f64),
 ) -> (Twist, f64, bool) {
     let passed = choose(contacts, MAX_UNILATERAL, moved.free, (dt, recovery));
     let mut exchanges = 0;
     loop {
         let mut rows = Rows::<N>::default();
-        let (felt, converged) = Solver::new(contacts, moved, (dt, recovery), &mut rows).solve();
+        let (felt, converged) = Solver::new(contacts, moved, (dt, recovery, shallow), &mut rows).solve();
         rows.store(contacts);
         let [vx, vy, vz, wx, wy, wz] = changed(moved.factor, &felt);
         let held = Twist {

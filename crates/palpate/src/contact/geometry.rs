@@ -20,7 +20,11 @@ use crate::scene::moving::Pushable;
 
 /// Largest number of guarded points. With more, it takes longer to copy them; with fewer, minima of the
 /// distance between detailed surfaces are missed.
-pub(crate) const MAX_POINTS: usize = 1024;
+pub(crate) const MAX_POINTS: usize = 2048;
+
+/// Largest number of points that a step may reach. With fewer, more of a body's motion waits where it touches
+/// much at once; with more, it takes longer to tell their contacts apart.
+const MAX_REACHED: usize = 1024;
 
 /// Number of numbers that are compared at once.
 const LANES: usize = 8;
@@ -92,8 +96,9 @@ pub(crate) struct ContactGeometry {
     /// Centre of mass of the body in its mesh's frame, m.
     pub center_of_mass: DVec3,
     pub objects: ArrayVec<NearObject, MAX_OBJECTS>,
-    /// Those of each object in turn.
-    pub points: ArrayVec<GuardedPoint, MAX_POINTS>,
+    /// Those of each object in turn. The contact loop keeps them, too, so that the haptic loop never frees
+    /// them.
+    pub points: Arc<Vec<GuardedPoint>>,
     /// The region in which the points are all that can be touched.
     pub bound: MotionBound,
     pub friction: Friction,
@@ -105,12 +110,14 @@ pub(crate) struct ContactGeometry {
     pub age: f64,
 }
 
-/// Distances that the bodies may move before the points of a geometry have to be measured again, m: those of
-/// each object in turn, so that a step passes over all of them in a few instructions.
+/// The guarded points of a geometry where the haptic loop's steps have moved them.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Slacks {
-    /// In the order of the points.
-    values: ArrayVec<f32, MAX_POINTS>,
+pub(crate) struct Points {
+    /// Those of each object in turn.
+    guarded: Box<ArrayVec<GuardedPoint, MAX_POINTS>>,
+    /// Distances that the bodies may move before these have to be measured again, m: a step passes over all
+    /// of them in a few instructions.
+    slacks: ArrayVec<f32, MAX_POINTS>,
     /// Number of points of the objects up to each.
     ends: ArrayVec<u16, MAX_OBJECTS>,
 }
@@ -119,14 +126,14 @@ pub(crate) struct Slacks {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct StepContacts {
     /// With the indices of their points as keys.
-    pub contacts: ArrayVec<UnilateralContact, MAX_POINTS>,
+    pub contacts: ArrayVec<UnilateralContact, MAX_REACHED>,
     /// Whether these indices are those of the next step's points, too.
     is_known: bool,
     /// Where their arms are along x when they are found, by which most are told apart, m; infinite in the
     /// lanes beyond the last.
-    along: ArrayVec<[f64; LANES], { MAX_POINTS.div_ceil(LANES) }>,
+    along: ArrayVec<[f64; LANES], { MAX_REACHED.div_ceil(LANES) }>,
     /// Distances of their points from the other surfaces when they are found, m.
-    nearest: ArrayVec<f64, MAX_POINTS>,
+    nearest: ArrayVec<f64, MAX_REACHED>,
     /// Largest motion of any point of the body in the step that meets no other point, m.
     pub room: f64,
     /// Largest depth, m; 0 if nothing overlaps.
@@ -134,9 +141,9 @@ pub(crate) struct StepContacts {
     /// Bounding radius of the body about its centre of mass, m.
     radius: f64,
     /// Indices of the points that the step may bring into contact.
-    near: ArrayVec<u16, MAX_POINTS>,
+    near: ArrayVec<u16, MAX_REACHED>,
     /// Contacts without which the step is taken again.
-    aside: ArrayVec<UnilateralContact, MAX_POINTS>,
+    aside: ArrayVec<UnilateralContact, MAX_REACHED>,
     /// Number of times that the step was taken.
     taken: u32,
     /// Number of measurements of points that are left for taking it again.
@@ -162,7 +169,7 @@ impl ContactGeometry {
     /// and the velocity of this step may be that after a push.
     pub fn contacts(
         &mut self,
-        slacks: &mut Slacks,
+        points: &mut Points,
         state: &BodyState,
         motion: &StepMotion,
         before: &StepContacts,
@@ -173,22 +180,23 @@ impl ContactGeometry {
         let StepMotion { moved, reach, dt } = *motion;
         let to_mesh = Pose::from_translation(-self.center_of_mass);
         let mesh = state.pose * to_mesh;
-        let Self { probe, objects, points, margin, friction, .. } = self;
+        let Self { probe, objects, margin, friction, .. } = self;
+        let Points { guarded, slacks, ends } = points;
         let mut first = 0;
-        for (object, end) in objects.iter_mut().zip(&slacks.ends) {
+        for (object, end) in objects.iter_mut().zip(&*ends) {
             let range = first..usize::from(*end);
             first = usize::from(*end);
             object.before = object.pose;
             if object.felt_elsewhere {
                 continue;
             }
-            let Some(values) = slacks.values.get_mut(range.clone()) else { continue };
+            let Some(slacks) = slacks.get_mut(range.clone()) else { continue };
             let mut near = ArrayVec::<u16, MAX_POINTS>::new();
             // What is beyond the reach is met neither by the body's motion nor by the object's.
             let ahead = object.speed * dt;
             let reach = reach + OBJECT_REACH * ahead;
             let gone = moved + std::mem::take(&mut object.moved);
-            let room = pass(gone as f32, reach as f32, values, &mut near);
+            let room = pass(gone as f32, reach as f32, slacks, &mut near);
             found.room = found.room.min(f64::from(room) - ahead);
             if near.is_empty() {
                 continue;
@@ -199,22 +207,22 @@ impl ContactGeometry {
             let own = found.contacts.len();
             for &offset in &near {
                 let index = range.start + usize::from(offset);
-                let (Some(guarded), Some(slack)) =
-                    (points.get_mut(index), values.get_mut(usize::from(offset)))
+                let (Some(point), Some(slack)) =
+                    (guarded.get_mut(index), slacks.get_mut(usize::from(offset)))
                 else {
                     continue;
                 };
-                let hidden = guarded.hidden;
+                let hidden = point.hidden;
                 *slack += hidden;
                 let left = f64::from(*slack);
-                let mut measured = guarded.measure(&frames, *slack, *margin + reach);
+                let mut measured = point.measure(&frames, *slack, *margin + reach);
                 // Until it has come to rest, no more is known than what it has been clear of.
                 if !measured.is_settled && measured.distance >= left {
-                    measured = guarded.measure_on(&frames, *slack, *margin + reach);
+                    measured = point.measure_on(&frames, *slack, *margin + reach);
                 }
-                let (mut clear, turned) = guarded.look_around(&frames, measured.distance, reach);
+                let (mut clear, turned) = point.look_around(&frames, measured.distance, reach);
                 if turned {
-                    measured = guarded.measure(&frames, *slack, *margin + reach);
+                    measured = point.measure(&frames, *slack, *margin + reach);
                     clear = measured.distance;
                 }
                 let gap = measured.distance - measured.held * *margin;
@@ -225,7 +233,7 @@ impl ContactGeometry {
                     (false, false) => measured.nearest.clamp(0.0, reach),
                 };
                 let known = below(known);
-                (*slack, guarded.slack) = (known - hidden, known);
+                (*slack, point.slack) = (known - hidden, known);
                 if object.overlapped {
                     // Deepest are places that others hold, too.
                     found.depth = found.depth.max(-measured.nearest);
@@ -251,8 +259,9 @@ impl ContactGeometry {
                     pushed: object.pushed,
                     key: index as u16,
                 };
-                found.add(own, contact, measured.nearest);
-                found.near.push(index as u16);
+                if !found.add(own, contact, measured.nearest) || found.near.try_push(index as u16).is_err() {
+                    found.room = 0.0;
+                }
             }
         }
         found.take_over(before, friction);
@@ -263,19 +272,10 @@ impl ContactGeometry {
         self.far_speed == 0.0 && self.objects.iter().all(|object| object.is_still())
     }
 
-    /// Guards points, as many as there is room for.
-    pub fn guard(&mut self, points: &[GuardedPoint]) {
-        let points = &points[..points.len().min(MAX_POINTS)];
-        self.points.clear();
-        for index in 0..self.objects.len() {
-            let own = points.iter().filter(|point| usize::from(point.object) == index);
-            self.points.extend(own.copied());
-        }
-    }
-
-    /// Copies another geometry, and its points' slacks.
-    pub fn assign(&mut self, found: &Self, slacks: &mut Slacks) {
+    /// Copies another geometry.
+    pub fn assign(&mut self, found: &Self) {
         let Self { probe, center_of_mass, objects, points, bound, friction, margin, far_speed, age } = self;
+        points.clone_from(&found.points);
         if !Arc::ptr_eq(probe, &found.probe) {
             probe.clone_from(&found.probe);
         }
@@ -288,16 +288,6 @@ impl ContactGeometry {
             object.assign(found);
         }
         objects.extend(found.objects[known..].iter().cloned());
-        points.clear();
-        let copied = points.try_extend_from_slice(&found.points);
-        debug_assert!(copied.is_ok(), "both hold as many");
-        slacks.values.clear();
-        slacks.values.extend(points.iter().map(|point| point.slack - point.hidden));
-        slacks.ends.clear();
-        for index in 0..objects.len() {
-            let end = points.partition_point(|point| usize::from(point.object) <= index);
-            slacks.ends.push(end as u16);
-        }
     }
 
     /// The surfaces at their poses, by scene object, with the mesh of the body in the hand at a pose.
@@ -308,11 +298,11 @@ impl ContactGeometry {
 
     /// Takes into account that the bodies have moved since the query: the one in the hand by `moved` (m), and
     /// the scene's by as much as they have been moved on here.
-    pub fn shift(&mut self, slacks: &mut Slacks, moved: f64) {
+    pub fn shift(&mut self, points: &mut Points, moved: f64) {
         let mut first = 0;
-        for (object, end) in self.objects.iter_mut().zip(&slacks.ends) {
+        for (object, end) in self.objects.iter_mut().zip(&points.ends) {
             let gone = (moved + std::mem::take(&mut object.moved)) as f32;
-            for slack in &mut slacks.values[first..usize::from(*end)] {
+            for slack in &mut points.slacks[first..usize::from(*end)] {
                 *slack -= gone;
             }
             first = usize::from(*end);
@@ -372,6 +362,31 @@ impl NearObject {
         (*motion, *speed) = (found.motion, found.speed);
         (*moved, *felt_elsewhere, *overlapped) = (found.moved, found.felt_elsewhere, found.overlapped);
         (*pushable, *pushed) = (found.pushable, found.pushed);
+    }
+}
+
+impl Points {
+    /// Copies those of a geometry.
+    pub fn assign(&mut self, found: &ContactGeometry) {
+        let Self { guarded, slacks, ends } = self;
+        guarded.clear();
+        guarded.extend(found.points.iter().take(MAX_POINTS).copied());
+        slacks.clear();
+        slacks.extend(guarded.iter().map(|point| point.slack - point.hidden));
+        ends.clear();
+        for index in 0..found.objects.len() {
+            let end = guarded.partition_point(|point| usize::from(point.object) <= index);
+            ends.push(end as u16);
+        }
+    }
+}
+
+/// Copies as many points as there is room for, those of each object in turn.
+pub(super) fn in_turn(points: &[GuardedPoint], objects: usize, to: &mut Vec<GuardedPoint>) {
+    to.clear();
+    let points = &points[..points.len().min(MAX_POINTS)];
+    for object in 0..objects {
+        to.extend(points.iter().filter(|point| usize::from(point.object) == object));
     }
 }
 
@@ -452,9 +467,10 @@ impl StepContacts {
 
     /// Adds the contact of a point at a distance `nearest` (m) from the other surface, or merges it with one
     /// that is the same, of those with its own object: from the index `own` on. The nearest of the points
-    /// that meet one place stands for them, as the others may be on leashes elsewhere.
+    /// that meet one place stands for them, as the others may be on leashes elsewhere. Returns whether there
+    /// was room for it.
     #[inline(always)]
-    fn add(&mut self, own: usize, contact: UnilateralContact, nearest: f64) {
+    fn add(&mut self, own: usize, contact: UnilateralContact, nearest: f64) -> bool {
         if let Some(index) = self.at(own, contact.arm, contact.normal) {
             let (known, least) = (&mut self.contacts[index], &mut self.nearest[index]);
             let gap = known.gap.min(contact.gap);
@@ -463,10 +479,13 @@ impl StepContacts {
                 self.along[index / LANES][index % LANES] = contact.arm.x;
             }
             known.gap = gap;
-        } else if !self.contacts.is_full() {
+        } else if self.contacts.is_full() {
+            return false;
+        } else {
             self.nearest.push(nearest);
             self.push(contact);
         }
+        true
     }
 
     #[inline(always)]
@@ -583,7 +602,7 @@ pub(super) mod tests {
             probe: Arc::clone(probe),
             center_of_mass: DVec3::ZERO,
             objects: objects.into_iter().map(object).collect(),
-            points: ArrayVec::new(),
+            points: Arc::default(),
             bound: MotionBound::NONE,
             friction: Friction::NONE,
             margin: 0.0,
@@ -605,36 +624,37 @@ pub(super) mod tests {
             };
             (0..count).map(point).collect()
         };
-        made.guard(&points);
+        in_turn(&points, 3, Arc::make_mut(&mut made.points));
         made
     }
 
     #[test]
     fn points_are_kept_in_the_order_of_the_objects() {
-        let mut slacks = Slacks::default();
+        let mut points = Points::default();
         let mut copy = geometry([9.0, 8.0, 7.0], 1);
         for (heights, count) in [([2.0, 3.0, 4.0], 10), ([5.0, 3.0, 4.0], 7), ([2.0, 3.0, 4.0], 0)] {
             let found = geometry(heights, count);
-            copy.assign(&found, &mut slacks);
-            let order: Vec<u8> = copy.points.iter().map(|point| point.object).collect();
+            copy.assign(&found);
+            points.assign(&copy);
+            let order: Vec<u8> = points.guarded.iter().map(|point| point.object).collect();
             let wanted =
                 |object: u8| (0..count).filter(move |i| i % 3 == usize::from(object)).map(move |_| object);
             assert_eq!(order, [0, 1, 2].into_iter().flat_map(wanted).collect::<Vec<u8>>());
-            let of_points: Vec<f32> = copy.points.iter().map(|point| point.slack).collect();
-            assert_eq!(slacks.values.as_slice(), of_points);
-            let ends: Vec<usize> = slacks.ends.iter().map(|end| usize::from(*end)).collect();
+            let of_points: Vec<f32> = points.guarded.iter().map(|point| point.slack).collect();
+            assert_eq!(points.slacks.as_slice(), of_points);
+            let ends: Vec<usize> = points.ends.iter().map(|end| usize::from(*end)).collect();
             let until = |object: u8| order.iter().filter(|own| **own <= object).count();
             assert_eq!(ends, [0, 1, 2].map(until));
             for (copy, found) in copy.objects.iter().zip(&found.objects) {
                 assert!(Arc::ptr_eq(&copy.surface, &found.surface) && copy.pose == found.pose);
             }
             // Each object's points lose its own motion, once, and the room the largest.
-            let before = slacks.clone();
+            let before = points.clone();
             copy.bound.room = 1.0;
             copy.advance(0.01);
-            copy.shift(&mut slacks, 0.5);
-            copy.shift(&mut slacks, 0.0);
-            for ((after, before), point) in slacks.values.iter().zip(&before.values).zip(&copy.points) {
+            copy.shift(&mut points, 0.5);
+            copy.shift(&mut points, 0.0);
+            for ((after, before), point) in points.slacks.iter().zip(&before.slacks).zip(&*points.guarded) {
                 let gone = 0.5 + 0.01 * heights[usize::from(point.object)];
                 assert!((f64::from(before - after) - gone).abs() < 1e-6, "{before} to {after}");
             }
@@ -667,11 +687,11 @@ pub(super) mod tests {
             };
             (0..200).map(point).collect()
         };
-        made.guard(&points);
+        made.points = Arc::new(points);
         for overlapped in [false, true] {
             made.objects[0].overlapped = overlapped;
-            let (mut made, mut slacks) = (made.clone(), Slacks::default());
-            made.clone().assign(&made, &mut slacks);
+            let (mut made, mut points) = (made.clone(), Points::default());
+            points.assign(&made);
             let mut found = StepContacts::default();
             // The number of searches for a point in 100 steps to and fro by a motion, m.
             let mut searches = |motion: f64| {
@@ -680,10 +700,10 @@ pub(super) mod tests {
                     let at = DVec3::X * motion * f64::from(step % 2);
                     let state = BodyState::at_rest(Pose::from_translation(at));
                     let motion = StepMotion { moved: motion, reach: 1e-4, dt: 1e-3 };
-                    made.contacts(&mut slacks, &state, &motion, &StepContacts::default(), &mut found);
-                    assert!(made.points.iter().all(|point| point.slack < -2e-3), "all are deep");
+                    made.contacts(&mut points, &state, &motion, &StepContacts::default(), &mut found);
+                    assert!(points.guarded.iter().all(|point| point.slack < -2e-3), "all are deep");
                 }
-                f64::from(SEARCHES.get()) / points.len() as f64
+                f64::from(SEARCHES.get()) / points.guarded.len() as f64
             };
             // The first ones, and then none where they are at rest, or nearly so.
             searches(0.0);
@@ -709,7 +729,7 @@ pub(super) mod tests {
         for count in [1, LANES - 1, LANES, LANES + 1, 3 * LANES] {
             let mut made = StepContacts { radius: 0.03, ..StepContacts::default() };
             made.clear();
-            (0..count).for_each(|i| made.add(0, contact(i as f64), 2e-6));
+            assert!((0..count).all(|i| made.add(0, contact(i as f64), 2e-6)));
             let last = contact((count - 1) as f64);
             for (gap, nearest, key) in [(2e-6, 1e-6, 1), (0.0, 3e-6, 2)] {
                 made.add(count - 1, UnilateralContact { gap, key, ..last }, nearest);

@@ -16,7 +16,7 @@ use palpate_core::glam::{DVec3, Vec3};
 use palpate_dynamics::MAX_UNILATERAL;
 use palpate_field::{FeatureMesh, Place};
 
-use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, NearObject};
+use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, NearObject, in_turn};
 use super::guarded_point::{Frames, GuardedPoint};
 use super::near_features::NearFeature;
 
@@ -60,6 +60,9 @@ const RESERVED_STARTS: usize = 32_768;
 /// The same for points and cells.
 const RESERVED: usize = 2048;
 
+/// Number of lists of points for which room is reserved: more than wait for the haptic loop.
+const RESERVED_HANDED: usize = 16;
+
 /// A place at which a guarded point may start.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Start {
@@ -98,6 +101,8 @@ pub(super) struct Guard {
     /// Coarseness of the last query's cells.
     coarseness: u32,
     points: Vec<GuardedPoint>,
+    /// Points of geometries that the haptic loop has, or has had.
+    handed: Vec<Arc<Vec<GuardedPoint>>>,
     known: Known,
 }
 
@@ -252,6 +257,7 @@ impl Guard {
             coarseness: 0,
             chosen: Vec::with_capacity(RESERVED),
             points: Vec::with_capacity(RESERVED),
+            handed: Vec::with_capacity(RESERVED_HANDED),
             known: Known::new(),
         }
     }
@@ -324,11 +330,25 @@ impl Guard {
             }
             self.coarseness += 1;
         }
-        geometry.guard(&self.points);
+        geometry.points = self.hand_out(geometry.objects.len());
         let nearest = self.points.get(MAX_POINTS).map_or(f64::INFINITY, |point| point.slack.into());
         let is_missed = |point: &&GuardedPoint| f64::from(point.slack) < limits.room;
         let missed = self.points.iter().skip(MAX_POINTS).take_while(is_missed).count();
         (nearest.min(left_out), missed)
+    }
+
+    /// The points for the haptic loop.
+    fn hand_out(&mut self, objects: usize) -> Arc<Vec<GuardedPoint>> {
+        let free = self.handed.iter_mut().position(|points| Arc::get_mut(points).is_some());
+        let place = free.unwrap_or_else(|| {
+            self.handed.push(Arc::new(Vec::with_capacity(MAX_POINTS)));
+            self.handed.len() - 1
+        });
+        let handed = &mut self.handed[place];
+        if let Some(to) = Arc::get_mut(handed) {
+            in_turn(&self.points, objects, to);
+        }
+        Arc::clone(handed)
     }
 
     /// Leaves out the furthest starts if the cells of those within a distance (m) fit. Returns the least

@@ -8,7 +8,7 @@ use super::joined::Joined;
 use super::pushed_objects::PushedObjects;
 use super::reactions::ReactionFeed;
 use crate::contact::geometry::taken::Taken;
-use crate::contact::geometry::{ContactGeometry, Slacks, StepContacts, StepMotion};
+use crate::contact::geometry::{ContactGeometry, Points, StepContacts, StepMotion};
 use crate::contact::monitor::{ConstraintForces, ContactForce};
 use crate::telemetry::record::ModelData;
 
@@ -37,12 +37,12 @@ pub(super) struct BodyContacts {
     pub geometry: Option<ContactGeometry>,
     /// Whether contacts will be constraints, and none were found yet.
     awaited: bool,
-    slacks: Slacks,
+    points: Points,
     /// Contacts of this step and of the one before, which change places in each.
     contacts: [Box<StepContacts>; 2],
     /// Which are those of this step.
     now: usize,
-    /// Pose at which the slacks are those of the points; the contacts' arms are from its centre of mass.
+    /// Pose at which the points were last measured; the contacts' arms are from its centre of mass.
     at: Pose,
     /// Data of the newest contact model, with the constraints of this step.
     pub found: ModelData,
@@ -63,7 +63,7 @@ impl BodyContacts {
             blend: ContactBlend::new(),
             geometry: None,
             awaited: false,
-            slacks: Slacks::default(),
+            points: Points::default(),
             contacts: Default::default(),
             now: 0,
             at: pose,
@@ -118,7 +118,7 @@ impl BodyContacts {
         let speed = state.twist.linear.length() + state.twist.angular.length() * self.radius;
         let reach = REACH * speed * dt + self.scale * ACCELERATION * dt.max(MIN_TIME).powi(2);
         let motion = StepMotion { moved, reach, dt };
-        geometry.contacts(&mut self.slacks, state, &motion, before, found);
+        geometry.contacts(&mut self.points, state, &motion, before, found);
         geometry.advance(dt);
         // What moves by itself has moved since the last step, and goes on in this one.
         let (mut gone, mut ahead) = (0.0_f64, geometry.ahead(dt));
@@ -137,7 +137,7 @@ impl BodyContacts {
     /// step is to be taken again.
     pub fn revise(&mut self, step: &Taken) -> bool {
         let contacts = &mut self.contacts[self.now];
-        self.geometry.as_ref().is_some_and(|geometry| geometry.revise(step, contacts))
+        self.geometry.as_ref().is_some_and(|geometry| geometry.revise(&self.points, step, contacts))
     }
 
     /// The penalty contacts and the unilateral ones of this step.
@@ -186,12 +186,13 @@ impl BodyContacts {
         // Keys of points change from one geometry to the next.
         self.contacts[self.now].forget();
         let known = self.geometry.get_or_insert_with(|| found.clone());
-        known.assign(found, &mut self.slacks);
+        known.assign(found);
+        self.points.assign(found);
         pushed.take(body, known);
         known.advance(age);
         let others = joined.iter().filter(|other| !known.moves(other.id));
         known.bound.room -= others.fold(0.0, |gone: f64, other| gone.max(other.moved_in(age)));
-        known.shift(&mut self.slacks, known.bound.displacement(&state.pose));
+        known.shift(&mut self.points, known.bound.displacement(&state.pose));
         self.at = state.pose;
     }
 

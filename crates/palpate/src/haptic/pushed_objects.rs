@@ -254,7 +254,7 @@ mod tests {
             probe: surface,
             center_of_mass: DVec3::ZERO,
             objects,
-            points: ArrayVec::new(),
+            points: Arc::default(),
             bound: MotionBound { room: 1.0, ..MotionBound::NONE },
             friction: Friction::NONE,
             margin: 0.0,

@@ -134,6 +134,34 @@ fn wedges_do_not_shoot_out_what_overlaps_them() {
     }
 }
 
+/// A body that is pressed into a wedge in which it overlaps both walls does not creep into them, and is given
+/// no more than the wedge makes of the hand's force.
+#[test]
+#[expect(clippy::print_stdout, reason = "measured figures, shown by --nocapture")]
+fn a_body_does_not_creep_into_a_wedge() {
+    let (s, c) = 5.0_f64.to_radians().sin_cos();
+    let walls = [1.0, -1.0].map(|side| (DVec3::Y * (5e-3 * side), DVec3::new(-s, side * c, 0.0), 1e-5));
+    let mut rig = held();
+    rig.device = DeviceMotion::at_rest(Pose::from_translation(DVec3::NEG_X * 2e-3));
+    let mut near = contacts(&walls, &rig.state.pose);
+    for _ in 0..1000 {
+        for (contact, new) in near.iter_mut().zip(contacts(&walls, &rig.state.pose)) {
+            *contact = UnilateralContact { impulse: contact.impulse, ..new };
+        }
+        let ConstrainedStep { step, recovery, .. } = rig.step(&mut near);
+        assert!(step.status.is_ok());
+        (rig.state, rig.recovery) = (step.state, recovery);
+    }
+    let force = near.iter().map(|contact| contact.impulse.length()).sum::<f64>() / DT;
+    let grown =
+        contacts(&walls, &rig.state.pose).iter().map(|contact| -contact.gap - 1e-5).fold(0.0, f64::max);
+    let pressed = rig.coupling.linear_stiffness * 2e-3 / s;
+    println!("{grown:.1e} m deeper after a second, {force:.1} N of {pressed:.1} N");
+    // At rest each wall yields 1e-4 of an impulse's own motion in a step: 2.3e-5 m in a second.
+    assert!(grown < 5e-6, "{grown} m deeper after a second");
+    assert!((force / pressed - 1.0).abs() < 0.02, "{force} N where {pressed} N hold the hand");
+}
+
 /// Whatever overlaps, impulses are those that the recovery velocity needs, and a body at rest gets about that
 /// velocity: its surfaces, the energy that goes with it.
 #[test]

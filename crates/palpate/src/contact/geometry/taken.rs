@@ -12,7 +12,7 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::{MAX_UNILATERAL, MotionBound, UnilateralContact};
 
-use super::{ContactGeometry, Frames, NEAR_PLACE, NearObject, SAME_PLACE, StepContacts};
+use super::{ContactGeometry, Frames, NEAR_PLACE, NearObject, Points, SAME_PLACE, StepContacts};
 use crate::contact::guarded_point::{GuardedPoint, Measured};
 
 /// Number of times that a step is taken at most: the last time, with all contacts at a distance if it met one
@@ -87,7 +87,7 @@ impl Taken {
 impl ContactGeometry {
     /// Holds contacts against where a step with them has led. Returns whether they have changed, so that the
     /// step is to be taken again from where it started.
-    pub fn revise(&self, step: &Taken, found: &mut StepContacts) -> bool {
+    pub fn revise(&self, points: &Points, step: &Taken, found: &mut StepContacts) -> bool {
         found.taken += 1;
         if found.taken >= MAX_TAKEN {
             return false;
@@ -97,15 +97,15 @@ impl ContactGeometry {
         }
         let [from, to] = step.poses;
         let moved = MotionBound { from, radius: self.bound.radius, ..MotionBound::NONE }.displacement(&to);
-        if self.take_back(step, moved, found) {
+        if self.take_back(points, step, moved, found) {
             return true;
         }
-        moved > MIN_AHEAD * self.margin && self.add_ahead(step, moved, found)
+        moved > MIN_AHEAD * self.margin && self.add_ahead(points, step, moved, found)
     }
 
     /// Takes contacts back whose surfaces are not clear of each other in a step in which no point of the body
     /// moves by more than `moved` (m). Returns whether there is any.
-    fn take_back(&self, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
+    fn take_back(&self, points: &Points, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
         let StepContacts { aside, contacts, taken, left, .. } = found;
         let motion = step.motion();
         let is_last = *taken + 1 >= MAX_TAKEN;
@@ -114,7 +114,7 @@ impl ContactGeometry {
             // What the step stays on this side of is not met.
             let by = motion.velocity_at(contact.arm) - contact.velocity * step.dt;
             let is_near = contact.normal.dot(by) > contact.gap;
-            is_near.then(|| self.met(contact, step, moved, left)).flatten()
+            is_near.then(|| self.met(contact, points, (step, moved), left)).flatten()
         };
         if is_last && aside.iter().any(|contact| met(contact).is_some()) {
             while let Some(contact) = aside.pop() {
@@ -142,8 +142,14 @@ impl ContactGeometry {
     /// What a point meets in a step that passes its contact's plane; `None` if the surfaces always are clear
     /// of each other. Where the direction between them turns round while they are near, one may have passed
     /// the other. Without measurements `left`, what is not known to be clear may be met.
-    fn met(&self, contact: &UnilateralContact, step: &Taken, moved: f64, left: &mut u32) -> Option<Met> {
-        let (mut point, object) = self.point(contact.key)?;
+    fn met(
+        &self,
+        contact: &UnilateralContact,
+        points: &Points,
+        (step, moved): (&Taken, f64),
+        left: &mut u32,
+    ) -> Option<Met> {
+        let (mut point, object) = self.point(points, contact.key)?;
         let all = moved + object.speed * step.dt;
         let (mut normal, mut distance) = (contact.normal, contact.gap + self.margin);
         // The last pose at which they are clear, and the first at which they are not.
@@ -218,7 +224,7 @@ impl ContactGeometry {
 
     /// Adds contacts for what overlaps at the end of a step in which no point of the body moves by more than
     /// `moved` (m). Returns whether there is any.
-    fn add_ahead(&self, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
+    fn add_ahead(&self, points: &Points, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
         let [same_place, near_place] = [SAME_PLACE, NEAR_PLACE].map(|share| share * self.bound.radius);
         let margin = self.margin;
         let StepContacts { contacts, near, left, .. } = found;
@@ -228,7 +234,7 @@ impl ContactGeometry {
             if *left == 0 {
                 break;
             }
-            let Some((mut point, object)) = self.point(key) else { continue };
+            let Some((mut point, object)) = self.point(points, key) else { continue };
             let gap = f64::from(point.slack);
             let motion = moved + object.speed * step.dt;
             let least = gap - motion;
@@ -249,7 +255,7 @@ impl ContactGeometry {
             }
             let end = self.contact_at(key, object, step, 1.0, &later);
             let start = UnilateralContact { gap, ..end };
-            let met = self.met(&start, step, moved, left).and_then(|met| met.contact);
+            let met = self.met(&start, points, (step, moved), left).and_then(|met| met.contact);
             let Some(contact) = met.or_else(|| later.distance.is_finite().then_some(end)) else { continue };
             // A point may have gone from one end of its edge to the other.
             let is_here = |known: &UnilateralContact| {
@@ -257,7 +263,7 @@ impl ContactGeometry {
                 known.arm.distance_squared(contact.arm) < within * within
             };
             let of = point.object;
-            let is_of = |key: u16| self.points.get(usize::from(key)).is_some_and(|it| it.object == of);
+            let is_of = |key: u16| points.guarded.get(usize::from(key)).is_some_and(|it| it.object == of);
             let is_same = |known: &UnilateralContact| {
                 is_of(known.key) && known.normal.dot(contact.normal) > AHEAD_NORMAL && is_here(known)
             };
@@ -286,8 +292,8 @@ impl ContactGeometry {
     }
 
     /// A point with its object.
-    fn point(&self, key: u16) -> Option<(GuardedPoint, &NearObject)> {
-        let point = *self.points.get(usize::from(key))?;
+    fn point(&self, points: &Points, key: u16) -> Option<(GuardedPoint, &NearObject)> {
+        let point = *points.guarded.get(usize::from(key))?;
         Some((point, self.objects.get(usize::from(point.object))?))
     }
 
@@ -344,7 +350,7 @@ mod tests {
     use palpate_dynamics::BodyState;
 
     use super::super::tests::geometry_at;
-    use super::super::{MAX_MEASURED, Slacks, StepMotion};
+    use super::super::{MAX_MEASURED, StepMotion};
     use super::*;
 
     /// Two objects of which one is pushed may be at the same place: each has its own contact there, also
@@ -356,12 +362,12 @@ mod tests {
         let at = DVec3::new(1.0 + GAP, -0.25, -0.25);
         let mut made = geometry_at([(at, 0.0), (at, 0.0), (DVec3::splat(9.0), 0.0)], 30);
         (made.margin, made.bound.radius, made.objects[1].pushed) = (1e-3, 1.0, Some(0));
-        let mut slacks = Slacks::default();
-        made.clone().assign(&made, &mut slacks);
+        let mut points = Points::default();
+        points.assign(&made);
         let (mut at_start, state) =
             (StepContacts::default(), BodyState::at_rest(Pose::from_translation(made.center_of_mass)));
         let motion = StepMotion { moved: 0.0, reach: 4.0 * GAP, dt: 1e-3 };
-        made.contacts(&mut slacks, &state, &motion, &StepContacts::default(), &mut at_start);
+        made.contacts(&mut points, &state, &motion, &StepContacts::default(), &mut at_start);
         let both = |found: &StepContacts| {
             let pushed: Vec<_> = found.contacts.iter().map(|contact| contact.pushed).collect();
             let [a, b] = found.contacts.as_slice() else { panic!("{found:?}") };
@@ -375,14 +381,14 @@ mod tests {
         let step = Taken { poses: poses.map(Pose::from_translation), dt: 1e-3 };
         // Both have pushed at a distance; then both are met.
         found.contacts.iter_mut().for_each(|contact| contact.impulse = contact.normal);
-        assert!(made.revise(&step, &mut found) && found.contacts.is_empty(), "{found:?}");
-        assert!(made.revise(&step, &mut found));
+        assert!(made.revise(&points, &step, &mut found) && found.contacts.is_empty(), "{found:?}");
+        assert!(made.revise(&points, &step, &mut found));
         both(&found);
         // One is known; the other one is met by the step's end.
         for kept in [None, Some(0)] {
             let mut found = at_start.clone();
             found.contacts.retain(|contact| contact.pushed == kept);
-            assert!(found.contacts.len() == 1 && made.revise(&step, &mut found), "{found:?}");
+            assert!(found.contacts.len() == 1 && made.revise(&points, &step, &mut found), "{found:?}");
             both(&found);
         }
     }
@@ -395,16 +401,16 @@ mod tests {
             // The probe's corner at x = 1 is inside, between two faces and the slanted one.
             let mut made = geometry_at([(DVec3::new(3.0 * depth, -depth, -depth), 0.0); 3], 30);
             (made.margin, made.bound.radius) = (1e-3, 1.0);
-            let mut slacks = Slacks::default();
-            made.clone().assign(&made, &mut slacks);
+            let mut points = Points::default();
+            points.assign(&made);
             let (mut found, state) =
                 (StepContacts::default(), BodyState::at_rest(Pose::from_translation(made.center_of_mass)));
             let motion = StepMotion { moved: 1.0, reach: 0.1, dt: 1e-3 };
-            made.contacts(&mut slacks, &state, &motion, &StepContacts::default(), &mut found);
+            made.contacts(&mut points, &state, &motion, &StepContacts::default(), &mut found);
             assert!((found.depth - depth).abs() < 0.5 * depth && found.near.len() == 30, "{found:?}");
             let poses = [made.center_of_mass, made.center_of_mass + 0.02 * DVec3::Y];
             let step = Taken { poses: poses.map(Pose::from_translation), dt: 1e-3 };
-            let taken = (0..20).take_while(|_| made.revise(&step, &mut found)).count();
+            let taken = (0..20).take_while(|_| made.revise(&points, &step, &mut found)).count();
             assert!(taken < 8, "taken {taken} times");
             found.left
         };
