@@ -35,8 +35,8 @@ pub(super) const ROUND_TOLERANCE: f64 = 1e-4;
 /// contacts are not unique and wander; with much more, contacts are felt to yield.
 pub(super) const COMPLIANCE: f64 = 1e-4;
 
-/// Share of an impulse of the last step to which overlaps that are held do not yield: nothing else undoes
-/// what they grow by. With less, a body that is pressed into a wedge creeps into its walls; with 1, walls that
+/// Share of the last step's impulse to which overlaps that are held do not yield: nothing else undoes what
+/// they grow by. With less, a body that is pressed into a wedge creeps into its walls; with 1, walls that
 /// squeeze it never relax.
 const UNYIELDING: f64 = 0.9;
 

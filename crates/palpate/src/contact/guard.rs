@@ -262,6 +262,12 @@ impl Guard {
         }
     }
 
+    /// Room for the points of a geometry: where the haptic loop no longer reads some, theirs.
+    pub fn room(&mut self) -> Arc<Vec<GuardedPoint>> {
+        let free = self.handed.iter_mut().position(|points| Arc::get_mut(points).is_some());
+        free.map_or_else(|| Arc::new(Vec::with_capacity(MAX_POINTS)), |free| self.handed.swap_remove(free))
+    }
+
     /// Keeps the starts with some objects, given as ranges in turn.
     pub fn keep(&mut self, objects: impl Iterator<Item = Range<usize>>) {
         let mut kept = 0;
@@ -330,25 +336,14 @@ impl Guard {
             }
             self.coarseness += 1;
         }
-        geometry.points = self.hand_out(geometry.objects.len());
+        if let Some(points) = Arc::get_mut(&mut geometry.points) {
+            in_turn(&self.points, geometry.objects.len(), points);
+        }
+        self.handed.push(Arc::clone(&geometry.points));
         let nearest = self.points.get(MAX_POINTS).map_or(f64::INFINITY, |point| point.slack.into());
         let is_missed = |point: &&GuardedPoint| f64::from(point.slack) < limits.room;
         let missed = self.points.iter().skip(MAX_POINTS).take_while(is_missed).count();
         (nearest.min(left_out), missed)
-    }
-
-    /// The points for the haptic loop.
-    fn hand_out(&mut self, objects: usize) -> Arc<Vec<GuardedPoint>> {
-        let free = self.handed.iter_mut().position(|points| Arc::get_mut(points).is_some());
-        let place = free.unwrap_or_else(|| {
-            self.handed.push(Arc::new(Vec::with_capacity(MAX_POINTS)));
-            self.handed.len() - 1
-        });
-        let handed = &mut self.handed[place];
-        if let Some(to) = Arc::get_mut(handed) {
-            in_turn(&self.points, objects, to);
-        }
-        Arc::clone(handed)
     }
 
     /// Leaves out the furthest starts if the cells of those within a distance (m) fit. Returns the least

@@ -106,7 +106,7 @@ impl ContactLoop {
             probe: self.probe.features()?,
             center_of_mass: self.center_of_mass,
             objects: Default::default(),
-            points: Default::default(),
+            points: self.guard.room(),
             bound: MotionBound { from: body.pose, room: reach, step: f64::INFINITY, radius: self.radius },
             friction: self.parameters.friction,
             margin: (MARGIN * radius).min(0.05 * tolerance),
