@@ -60,7 +60,8 @@ fn slow_renderer(panics_at: usize, delay: std::time::Duration) -> (HapticRendere
     let inner = Box::new(Emulation::default().open(Pose::IDENTITY).expect("emulated device"));
     let device = Shaken { inner, panics_at, delay, reads: 0, last: Arc::clone(&last) };
     let object: Object = model("ellipsoid@500");
-    let scene = Scene::new().with(object.clone(), Pose::IDENTITY);
+    // Apart, so that a step's time is the driver's.
+    let scene = Scene::new().with(object.clone(), Pose::from_translation(DVec3::X));
     let renderer = HapticRenderer::new(object, scene, Box::new(device), Settings::default());
     (renderer.expect("renderer"), last)
 }

@@ -362,6 +362,14 @@ impl ContactLoop {
     /// Renders all contacts as penalty contacts from now on.
     pub(crate) fn use_penalties(&mut self) {
         (self.response, self.may_constrain) = (Response::Penalty, false);
+        self.all_settings.contact.response = Response::Penalty;
+        if matches!(self.by_fields, Err(ByLevels::Constraints)) {
+            let objects = objects_of(&self.objects);
+            // It fails if the contact error is out of range, which was checked when the session was made.
+            if let Ok(found) = choose(&self.probe, &objects, self.parameters.tolerance, &self.all_settings) {
+                self.by_fields = found;
+            }
+        }
     }
 
     pub(crate) fn set_tunings(&mut self, tunings: Consumer<ContactTuning>) {

@@ -32,6 +32,8 @@ pub(crate) enum ByLevels {
     Detail,
     Budget,
     Texture,
+    /// No field is read for constraints.
+    Constraints,
     NoField(FieldError),
     /// An object has more than [`MAX_THIN_SHARE`] of its surface on thin walls.
     Thin {
@@ -57,6 +59,7 @@ impl fmt::Display for ByLevels {
             Self::Detail => write!(f, "detail is to be left out"),
             Self::Budget => write!(f, "queries have a time limit"),
             Self::Texture => write!(f, "an object has a haptic texture"),
+            Self::Constraints => write!(f, "constraints need no distance field"),
             Self::NoField(error) => write!(f, "{error}"),
             Self::Thin { name, share } => {
                 write!(
@@ -110,9 +113,13 @@ pub(super) fn choose(
         return Ok(Err(why));
     }
     let needs = FieldNeeds::new(tolerance, settings, probe)?;
-    if settings.search.method == ContactSearch::Automatic
-        && let Some(why) = all().find_map(|object| unfit(&needs, object))
-    {
+    let is_automatic = settings.search.method == ContactSearch::Automatic;
+    // Fields take seconds to make. The few penalty contacts beside constraints are with light objects.
+    let has_constraints = settings.contact.response == Response::Constraints && probe.features().is_some();
+    if is_automatic && has_constraints {
+        return Ok(Err(ByLevels::Constraints));
+    }
+    if is_automatic && let Some(why) = all().find_map(|object| unfit(&needs, object)) {
         return Ok(Err(why));
     }
     let mut fields = match ByFields::new(needs, probe, settings.search.clusters) {

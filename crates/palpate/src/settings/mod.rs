@@ -270,6 +270,8 @@ pub enum ContactSearch {
     /// [Representatives](Self::Representatives) where these are valid, else [levels](Self::Levels). The
     /// session uses levels if
     ///
+    /// - contacts are [constraints](Response::Constraints), which are found on the meshes: then only the
+    ///   penalty contacts with light objects that they push are found by levels,
     /// - detail is to be left out ([`DetailSettings::error`]) or queries have a [time
     ///   limit](DetailSettings::query_budget),
     /// - an object has a haptic texture, an open surface, walls thinner than the tolerance d, or a field

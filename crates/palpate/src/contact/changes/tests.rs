@@ -7,7 +7,7 @@ use palpate_dynamics::{Body, ContactParameters, Friction};
 use palpate_texture_pd::{HeightImage, Wrap};
 
 use super::*;
-use crate::contact::{ContactUpdate, test_meshes};
+use crate::contact::{ByLevels, ContactUpdate, test_meshes};
 use crate::scene::Placed;
 use crate::settings::{ContactSettings, SearchSettings, Settings};
 
@@ -69,6 +69,25 @@ fn step(contact: &mut ContactLoop, time: f64) -> ContactUpdate {
 
 fn near(update: &ContactUpdate) -> usize {
     update.geometry.as_ref().map_or(0, |geometry| geometry.objects.len())
+}
+
+/// No field is read for constraints: they took seconds to make before the first touch, and most of a session's
+/// memory.
+#[test]
+fn fields_are_made_for_penalties_alone() {
+    let search = |contact: &ContactLoop| contact.search().map_err(Clone::clone);
+    let mut contact = on_a_block(ContactSearch::Automatic, Response::Constraints);
+    let with_constraints = contact.workspace_bytes();
+    assert_eq!(search(&contact), Err(ByLevels::Constraints));
+    contact.use_penalties();
+    let penalties = search(&on_a_block(ContactSearch::Automatic, Response::Penalty));
+    assert!(penalties.is_ok(), "{penalties:?}");
+    assert_eq!(search(&contact), penalties);
+    assert!(contact.workspace_bytes() > with_constraints + 1_000_000, "fields take memory");
+    // By the setting they are made all the same; without a surface there are no constraints.
+    assert!(search(&on_a_block(ContactSearch::Representatives, Response::Constraints)).is_ok());
+    let lost = search(&with_probe(&hollow(), ContactSearch::Automatic, Response::Constraints));
+    assert!(!matches!(lost, Err(ByLevels::Constraints)), "{lost:?}");
 }
 
 /// The new object was put in after the old one was deleted, so that nothing was left of both.
