@@ -71,8 +71,8 @@ fn near(update: &ContactUpdate) -> usize {
     update.geometry.as_ref().map_or(0, |geometry| geometry.objects.len())
 }
 
-/// No field is read for constraints: they took seconds to make before the first touch, and most of a session's
-/// memory.
+/// No field is read for constraints: they took seconds to make before the first touch, and most of a
+/// session's memory.
 #[test]
 fn fields_are_made_for_penalties_alone() {
     let search = |contact: &ContactLoop| contact.search().map_err(Clone::clone);
