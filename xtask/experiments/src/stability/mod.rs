@@ -43,7 +43,7 @@ pub struct Arguments {
     /// Maps to make, or all.
     #[arg(value_enum, default_value = "all")]
     names: Vec<Name>,
-    /// Uses coarse grids and a short session: under a minute.
+    /// Uses coarse grids and a short session: minutes.
     #[arg(long)]
     quick: bool,
     /// Folder for tables, pictures and the page.
