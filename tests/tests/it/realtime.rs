@@ -52,16 +52,20 @@ impl HapticDevice for Shaken {
 }
 
 fn renderer(panics_at: usize) -> (HapticRenderer, Arc<Mutex<Wrench>>) {
-    slow_renderer(panics_at, std::time::Duration::ZERO)
+    slow_renderer(panics_at, std::time::Duration::ZERO, DVec3::ZERO)
 }
 
-fn slow_renderer(panics_at: usize, delay: std::time::Duration) -> (HapticRenderer, Arc<Mutex<Wrench>>) {
+/// The object in the hand is at the origin, and another one `at` a place.
+fn slow_renderer(
+    panics_at: usize,
+    delay: std::time::Duration,
+    at: DVec3,
+) -> (HapticRenderer, Arc<Mutex<Wrench>>) {
     let last = Arc::new(Mutex::new(Wrench::new(DVec3::ONE, DVec3::ONE)));
     let inner = Box::new(Emulation::default().open(Pose::IDENTITY).expect("emulated device"));
     let device = Shaken { inner, panics_at, delay, reads: 0, last: Arc::clone(&last) };
     let object: Object = model("ellipsoid@500");
-    // Apart, so that a step's time is the driver's.
-    let scene = Scene::new().with(object.clone(), Pose::from_translation(DVec3::X));
+    let scene = Scene::new().with(object.clone(), Pose::from_translation(at));
     let renderer = HapticRenderer::new(object, scene, Box::new(device), Settings::default());
     (renderer.expect("renderer"), last)
 }
@@ -217,7 +221,8 @@ fn a_panic_of_the_driver_is_an_error_of_a_spawned_session() {
 #[test]
 fn deadlines_missed_by_a_slow_driver_are_put_down_to_the_step() {
     let run = |delay| {
-        let (renderer, _) = slow_renderer(usize::MAX, std::time::Duration::from_millis(delay));
+        // Apart, so that a step's time is the driver's.
+        let (renderer, _) = slow_renderer(usize::MAX, std::time::Duration::from_millis(delay), DVec3::X);
         let sink = |_: &Record| Ok::<_, Infallible>(());
         renderer.run_realtime(0.3, &AtomicBool::new(false), sink).expect("the sink never fails").summary()
     };
