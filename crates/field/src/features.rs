@@ -616,19 +616,24 @@ impl FeatureMesh {
         match *place {
             Place::Edge(edge, at) => self.descend_edge((edge, at), normal, stride, leash),
             Place::Vertex(vertex) => {
-                let steepest = self.steepest(vertex, normal);
-                if !is_down(steepest) {
-                    return None;
-                }
                 let around = self.edges_around.range(vertex);
-                let outgoing = &self.outgoing[around.clone()];
-                let index = outgoing.iter().position(|outgoing| normal.dot(*outgoing) == steepest)?;
-                let edge = self.edges_around.entries[around][index];
-                let is_first = self.edges[edge as usize][0] == vertex;
-                let (at, end) = if is_first { (0.0, 1.0) } else { (1.0, 0.0) };
-                let end = self.leashed(edge, end, leash);
-                let next = at + (end - at) * stride;
-                ((next - at).abs() > MIN_STEP).then(|| self.on_edge(edge, next))
+                let edges = &self.edges_around.entries[around.clone()];
+                // Along the steepest edge the leash may end near the vertex, and go on along another one.
+                let mut best = (0.0, None);
+                for (outgoing, &edge) in self.outgoing[around].iter().zip(edges) {
+                    let slope = normal.dot(*outgoing);
+                    if !is_down(slope) || slope >= best.0 {
+                        continue;
+                    }
+                    let (at, end) =
+                        if self.edges[edge as usize][0] == vertex { (0.0, 1.0) } else { (1.0, 0.0) };
+                    let way = self.leashed(edge, end, leash) - at;
+                    let next = at + way * stride;
+                    if slope * way.abs() < best.0 && (next - at).abs() > MIN_STEP {
+                        best = (slope * way.abs(), Some(self.on_edge(edge, next)));
+                    }
+                }
+                best.1
             }
         }
     }

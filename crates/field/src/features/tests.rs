@@ -344,6 +344,24 @@ fn descents_stay_on_their_leash() {
     assert!(limited > 300, "{limited} leashes are needed");
 }
 
+/// A leash of half an edge from its middle ends at both of its vertices. From one of them down is along the
+/// edge, though it is steeper along another one, on which the leash leaves nothing, or little.
+#[test]
+fn a_descent_goes_on_where_its_leash_does() {
+    let features = FeatureMesh::new(&block(DVec3::new(0.1, 0.05, 0.02)));
+    let corner = DVec3::new(-0.05, -0.025, -0.01);
+    for (steep, spare) in [(0.9, 0.0), (0.9, 1e-6), (0.99, 1e-6)] {
+        for length in [0.05_f32.next_down(), 0.05, 0.05 + spare] {
+            let leash = Leash { home: corner.with_x(0.0), length };
+            let up = -DVec3::new((1.0_f64 - steep * steep).sqrt(), 0.0, steep);
+            let (place, _) = descend(&features, features.place_near(corner), up, &leash);
+            let found = features.position(&place);
+            // No further up than the other vertex.
+            assert!(up.dot(found - corner.with_x(0.05)) < 1e-6, "{steep}, {length}: {found}");
+        }
+    }
+}
+
 #[test]
 fn a_turned_mesh_descends_alike() {
     // Neither rounding nor the order of triangles decides where a descent ends.

@@ -14,7 +14,7 @@ use palpate_core::{Pose, Twist};
 use palpate_dynamics::{BodyState, Friction, MAX_UNILATERAL, MotionBound, MovingBody, UnilateralContact};
 use palpate_field::FeatureMesh;
 
-use super::guarded_point::{Frames, GuardedPoint};
+use super::guarded_point::{Frames, GuardedPoint, below};
 use crate::scene::SceneId;
 use crate::scene::moving::Pushable;
 
@@ -120,6 +120,8 @@ pub(crate) struct Points {
     slacks: ArrayVec<f32, MAX_POINTS>,
     /// Number of points of the objects up to each.
     ends: ArrayVec<u16, MAX_OBJECTS>,
+    /// Motion of the body and of each object since the query, m.
+    motions: ArrayVec<f64, MAX_OBJECTS>,
 }
 
 /// The contacts of one step.
@@ -181,9 +183,9 @@ impl ContactGeometry {
         let to_mesh = Pose::from_translation(-self.center_of_mass);
         let mesh = state.pose * to_mesh;
         let Self { probe, objects, margin, friction, .. } = self;
-        let Points { guarded, slacks, ends } = points;
+        let Points { guarded, slacks, ends, motions } = points;
         let mut first = 0;
-        for (object, end) in objects.iter_mut().zip(&*ends) {
+        for ((object, end), since) in objects.iter_mut().zip(&*ends).zip(motions) {
             let range = first..usize::from(*end);
             first = usize::from(*end);
             object.before = object.pose;
@@ -196,6 +198,7 @@ impl ContactGeometry {
             let ahead = object.speed * dt;
             let reach = reach + OBJECT_REACH * ahead;
             let gone = moved + std::mem::take(&mut object.moved);
+            *since += gone;
             let room = pass(gone as f32, reach as f32, slacks, &mut near);
             found.room = found.room.min(f64::from(room) - ahead);
             if near.is_empty() {
@@ -220,7 +223,7 @@ impl ContactGeometry {
                 if !measured.is_settled && measured.distance >= left {
                     measured = point.measure_on(&frames, *slack, *margin + reach);
                 }
-                let (mut clear, turned) = point.look_around(&frames, measured.distance, reach);
+                let (mut clear, turned) = point.look_around(&frames, measured.distance, reach, *since);
                 if turned {
                     measured = point.measure(&frames, *slack, *margin + reach);
                     clear = measured.distance;
@@ -299,11 +302,13 @@ impl ContactGeometry {
     /// Takes into account that the bodies have moved since the query: the one in the hand by `moved` (m), and
     /// the scene's by as much as they have been moved on here.
     pub fn shift(&mut self, points: &mut Points, moved: f64) {
+        let Points { slacks, ends, motions, .. } = points;
         let mut first = 0;
-        for (object, end) in self.objects.iter_mut().zip(&points.ends) {
-            let gone = (moved + std::mem::take(&mut object.moved)) as f32;
-            for slack in &mut points.slacks[first..usize::from(*end)] {
-                *slack -= gone;
+        for ((object, end), since) in self.objects.iter_mut().zip(&*ends).zip(motions) {
+            let gone = moved + std::mem::take(&mut object.moved);
+            *since += gone;
+            for slack in &mut slacks[first..usize::from(*end)] {
+                *slack -= gone as f32;
             }
             first = usize::from(*end);
         }
@@ -368,7 +373,7 @@ impl NearObject {
 impl Points {
     /// Copies those of a geometry.
     pub fn assign(&mut self, found: &ContactGeometry) {
-        let Self { guarded, slacks, ends } = self;
+        let Self { guarded, slacks, ends, motions } = self;
         guarded.clear();
         guarded.extend(found.points.iter().take(MAX_POINTS).copied());
         slacks.clear();
@@ -378,6 +383,8 @@ impl Points {
             let end = guarded.partition_point(|point| usize::from(point.object) <= index);
             ends.push(end as u16);
         }
+        motions.clear();
+        motions.extend(found.objects.iter().map(|_| 0.0));
     }
 }
 
@@ -388,12 +395,6 @@ pub(super) fn in_turn(points: &[GuardedPoint], objects: usize, to: &mut Vec<Guar
     for object in 0..objects {
         to.extend(points.iter().filter(|point| usize::from(point.object) == object));
     }
-}
-
-/// The largest number in single precision that is not above another one.
-fn below(number: f64) -> f32 {
-    let rounded = number as f32;
-    if f64::from(rounded) > number { rounded.next_down() } else { rounded }
 }
 
 /// Takes a motion (m) off all slacks. Appends the indices of those within a reach (m), and returns the least

@@ -36,10 +36,6 @@ const MIN_DESCENT: f64 = 1e-8;
 /// beside an edge.
 const OFF_FACE: f64 = 7e-6;
 
-/// Distance at which a point looks for other faces that are nearer, in those at which it last did. At 2 it
-/// may already have met one.
-const LOOK_AROUND: f64 = 1.5;
-
 /// Fall of a distance relative to how far the point has moved, beyond 1, that is rounding. With more, a point
 /// moves to where the far side of a wall looks like a deep overlap.
 const ROUNDING: f64 = 1e-6;
@@ -84,8 +80,9 @@ pub(crate) struct GuardedPoint {
     /// Largest distance of other places that it stands for and does not descend to, m: they may be nearer by
     /// that.
     pub hidden: f32,
-    /// Distance at which the face was last known to be the nearest of the whole surface, m.
-    checked: f32,
+    /// Motion of the bodies since the query up to which the surface has no nearer point than the one that is
+    /// known, m.
+    clear: f32,
 }
 
 /// A guarded point, measured.
@@ -207,7 +204,7 @@ impl GuardedPoint {
             slack: 0.0,
             trust: 0.0,
             hidden: 0.0,
-            checked: 0.0,
+            clear: 0.0,
         };
         point.settle(frames, least);
         point
@@ -227,7 +224,7 @@ impl GuardedPoint {
         let Descent { closest, is_settled, .. } = self.descend(frames, MAX_FIRST_MOVES, f64::INFINITY);
         let distance = closest.distance as f32;
         let nearer = || (distance - 2.0 * self.leash.length).max(least).max(0.0);
-        self.checked = distance;
+        self.clear = distance;
         self.slack = if is_settled { distance } else { distance.min(nearer()) };
     }
 
@@ -296,26 +293,30 @@ impl GuardedPoint {
         (1.0 - MITER * (1.0 - frames.object.0.facing(feature, out))).clamp(LEAST_HELD, 1.0)
     }
 
-    /// Turns to the nearest face of the whole surface where a point has come away from the one that it knows,
-    /// as far as another one may be nearer by now. Two that face each other, as the walls of a slot, are at
-    /// least twice as far apart as the point was when it was nearest to one of them. `reach` is that of
-    /// contacts, m. Returns how far the bodies may move until then, m, and whether it has turned.
-    pub fn look_around(&mut self, frames: &Frames<'_>, distance: f64, reach: f64) -> (f64, bool) {
-        let checked = f64::from(self.checked);
-        if !distance.is_finite() || distance <= checked.max(reach) {
+    /// Turns to the nearest face of the whole surface where another than the one that the point knows may be
+    /// nearer by now, after a motion of the bodies since the query (m). `reach` is that of contacts, m. Returns
+    /// how far the bodies may move until then, m, and whether it has turned.
+    pub fn look_around(
+        &mut self,
+        frames: &Frames<'_>,
+        distance: f64,
+        reach: f64,
+        motion: f64,
+    ) -> (f64, bool) {
+        if !distance.is_finite() || distance <= reach {
             return (distance, false);
         }
-        let left = 2.0 * checked - distance;
-        if left > reach && distance <= LOOK_AROUND * checked {
-            return (left, false);
+        let left = f64::from(self.clear) - motion;
+        if left > reach {
+            return (left.min(distance), false);
         }
-        self.checked = distance as f32;
+        self.clear = below(distance + motion);
         let Sides { own, other, to_other, .. } = frames.sides(self.is_probe);
         let at = to_other.transform_point3(own.position(&self.place));
         let Some(nearer) = other.nearer(at, distance) else { return (distance, false) };
         let is_other = nearer.face != self.face && nearer.distance < distance - frames.min_descent;
         if is_other {
-            (self.face, self.checked) = (nearer.face, nearer.distance as f32);
+            (self.face, self.clear) = (nearer.face, below(nearer.distance + motion));
         }
         (nearer.distance, is_other)
     }
@@ -484,6 +485,12 @@ impl GuardedPoint {
         };
         ((self.object, self.is_probe, self.face, feature, at), self.leash.length.to_bits())
     }
+}
+
+/// The largest number in single precision that is not above another one.
+pub(super) fn below(number: f64) -> f32 {
+    let rounded = number as f32;
+    if f64::from(rounded) > number { rounded.next_down() } else { rounded }
 }
 
 #[cfg(test)]

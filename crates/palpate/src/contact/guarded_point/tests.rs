@@ -74,6 +74,74 @@ fn crossed_edges_are_nearest_where_they_cross() {
     }
 }
 
+/// Ridges that overlap at a low angle, with a point that its leash holds away from where they cross: by several
+/// depths along its ridge, though it is beside the other one. It holds them where they cross; out of the
+/// nearest face they would slide sideways, and further in.
+#[test]
+fn edges_that_overlap_at_a_low_angle_are_held_where_they_cross() {
+    const DEPTH: f64 = 1e-4;
+    let roof = roof();
+    let mut rng = StdRng::seed_from_u64(0x60A7);
+    for round in 0..200 {
+        let is_probe = round % 2 == 0;
+        let angle = rng.random_range(0.1..0.3);
+        let turned = DQuat::from_rotation_z(angle) * DQuat::from_rotation_x(std::f64::consts::PI);
+        let (upper, lower) = (Pose::new(DVec3::NEG_Z * DEPTH, turned), Pose::IDENTITY);
+        let (probe, object) = ((&roof, &upper), (&roof, &lower));
+        let own = if is_probe { &upper } else { &lower };
+        // As far beside the other ridge as half of the depth.
+        let from = 0.5 * DEPTH / f64::sin(angle) * if round % 4 < 2 { 1.0 } else { -1.0 };
+        let home =
+            own.transform_vector(DVec3::X) * from + if is_probe { upper.translation } else { DVec3::ZERO };
+        let home = own.inverse().transform_point(home);
+        let mut point = new((home, 1e-7), is_probe, &Frames::new(probe, object));
+        let found = measure(&mut point, probe, object);
+        assert!((found.distance + DEPTH).abs() < 1e-8, "round {round}, {angle}: {found:?}");
+        assert!(found.normal.distance(DVec3::NEG_Z) < 1e-6, "round {round}, {angle}: {found:?}");
+    }
+}
+
+/// A corner before a wall, of a body that also has a plate, which comes down on the corner along the wall. The
+/// corner stays as far from the wall, and turns to the plate before that could be nearer than it tells.
+#[test]
+fn a_point_turns_to_what_comes_in_from_beside() {
+    let wall = (DVec3::new(0.01, 0.1, 0.1), DVec3::X * 0.01);
+    let plate = (DVec3::new(0.02, 0.1, 0.004), DVec3::new(-0.006, 0.0, 0.032));
+    let blocks = [wall, plate].map(|(edges, at)| (test_meshes::block(edges), at));
+    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+    for (block, at) in &blocks {
+        let first = vertices.len() as u32;
+        vertices.extend(block.vertices().iter().map(|vertex| *vertex + *at));
+        triangles.extend(block.triangles().iter().map(|triangle| triangle.map(|vertex| vertex + first)));
+    }
+    let both = FeatureMesh::new(&TriMesh::new(vertices, triangles).expect("two blocks"));
+    let cube = block(DVec3::splat(0.01));
+    let corner = Pose::from_translation(DVec3::new(-0.005, -0.005, -0.005));
+    let to_box = |(edges, at): (DVec3, DVec3), point: DVec3| {
+        ((point - at).abs() - 0.5 * edges).max(DVec3::ZERO).length()
+    };
+    const REACH: f64 = 1e-4;
+    const STEP: f64 = 1e-4;
+    let at = |gone: f64| Pose::from_translation(DVec3::NEG_Z * gone);
+    let home = DVec3::splat(0.005);
+    let mut point = new((home, 1e-6), true, &Frames::new((&cube, &corner), (&both, &at(0.0))));
+    assert!((f64::from(point.slack) - 0.005).abs() < 1e-5, "{point:?}: before the wall");
+    let (mut turns, mut looks) = (0, 0);
+    for step in 1..=299 {
+        let gone = f64::from(step) * STEP;
+        let frames = Frames::new((&cube, &corner), (&both, &at(gone)));
+        let distance = point.measure(&frames, point.slack, REACH).distance;
+        let (clear, turned) = point.look_around(&frames, distance, REACH, gone);
+        looks += u32::from(clear == distance);
+        turns += u32::from(turned);
+        let there = corner.transform_point(point.ends(&frames)[0]) + DVec3::Z * gone;
+        let truth = to_box(wall, there).min(to_box(plate, there));
+        assert!(clear.min(distance) <= truth + 1e-9, "step {step}: {clear} m and {distance} m, not {truth}");
+        assert!(clear >= REACH || clear >= truth - 1e-9, "step {step}: {clear} m, not {truth}");
+    }
+    assert!(turns == 1 && looks < 40, "turned {turns} times, looked {looks} times");
+}
+
 /// A box above a plate: the point descends to the lowest corner, and follows as the box turns.
 #[test]
 fn a_point_follows_the_lowest_corner_of_a_turning_box() {

@@ -241,22 +241,28 @@ impl GuardedPoint {
                 (found.distance.abs() <= (1.0 + LEVEL) * closest.distance.abs()).then_some(found)
             }
             MeshFeature::Face(face) => {
-                let found = sides.other.edges_of(face).map(|other| self.crossing_of(sides, edge, other));
                 let distance = closest.distance;
-                let is_there = |pair: &Pair| {
-                    let way = pair.own.distance_squared(position);
+                let is_there = |other: u32, pair: &Pair| {
                     if distance < 0.0 {
-                        // That of the overlap, and not of other sides of both bodies.
+                        // That of the overlap, and not of other sides of both bodies: the point is beside the
+                        // other edge, though the way to where they cross may be long.
                         let most = -MAX_CROSSING * distance;
-                        (0.0..=most).contains(&-pair.distance) && way <= most * most
+                        let [from, to] =
+                            sides.other.ends(other).map(|end| sides.to_own.transform_point3(end));
+                        let beside = (position - from).cross((to - from).normalize_or_zero());
+                        (0.0..=most).contains(&-pair.distance) && beside.length_squared() <= most * most
                     } else {
                         // Where the edge comes nearer, beyond the leash if that has stopped the point.
+                        let way = pair.own.distance_squared(position);
                         let nearer = distance - pair.distance;
                         nearer >= 0.0 && nearer * nearer <= way && way <= f64::from(self.leash.length).powi(2)
                     }
                 };
-                let found = found.into_iter().flatten().filter(is_there);
-                found.max_by(|a, b| a.distance.total_cmp(&b.distance))
+                let found = sides
+                    .other
+                    .edges_of(face)
+                    .map(|other| self.crossing_of(sides, edge, other).filter(|pair| is_there(other, pair)));
+                found.into_iter().flatten().max_by(|a, b| a.distance.total_cmp(&b.distance))
             }
             MeshFeature::Vertex(_) => None,
         }
