@@ -241,31 +241,51 @@ impl GuardedPoint {
                 (found.distance.abs() <= (1.0 + LEVEL) * closest.distance.abs()).then_some(found)
             }
             MeshFeature::Face(face) => {
-                let distance = closest.distance;
-                let is_there = |other: u32, pair: &Pair| {
-                    if distance < 0.0 {
-                        // That of the overlap, and not of other sides of both bodies: the point is beside the
-                        // other edge, though the way to where they cross may be long.
-                        let most = -MAX_CROSSING * distance;
-                        let [from, to] =
-                            sides.other.ends(other).map(|end| sides.to_own.transform_point3(end));
-                        let beside = (position - from).cross((to - from).normalize_or_zero());
-                        (0.0..=most).contains(&-pair.distance) && beside.length_squared() <= most * most
-                    } else {
-                        // Where the edge comes nearer, beyond the leash if that has stopped the point.
-                        let way = pair.own.distance_squared(position);
-                        let nearer = distance - pair.distance;
-                        nearer >= 0.0 && nearer * nearer <= way && way <= f64::from(self.leash.length).powi(2)
-                    }
-                };
-                let found = sides
-                    .other
-                    .edges_of(face)
-                    .map(|other| self.crossing_of(sides, edge, other).filter(|pair| is_there(other, pair)));
-                found.into_iter().flatten().max_by(|a, b| a.distance.total_cmp(&b.distance))
+                let found = self.crossing_at(sides, (edge, face), (position, closest.distance));
+                // An edge inside a flat part has no normals: those around that part may cross.
+                let is_inner = closest.distance < 0.0
+                    && found.is_none()
+                    && sides.own.sharpness(MeshFeature::Edge(edge)) <= TILT;
+                if !is_inner {
+                    return found;
+                }
+                let most = MAX_CROSSING * closest.distance;
+                let around = sides.own.edges_beside(edge);
+                let found =
+                    around.map(|own| self.crossing_at(sides, (own, face), (position, closest.distance)));
+                let is_near = |pair: &Pair| pair.own.distance_squared(position) <= most * most;
+                found.flatten().filter(is_near).max_by(|a, b| a.distance.total_cmp(&b.distance))
             }
             MeshFeature::Vertex(_) => None,
         }
+    }
+
+    /// The points where an edge of its own surface crosses one of the other surface's face, which is nearest
+    /// to a position at a distance (m).
+    fn crossing_at(
+        &self,
+        sides: &Sides<'_>,
+        (edge, face): (u32, u32),
+        (position, distance): (DVec3, f64),
+    ) -> Option<Pair> {
+        let is_there = |other: u32, pair: &Pair| {
+            if distance < 0.0 {
+                // That of the overlap, and not of other sides of both bodies: the point is beside the other
+                // edge, though the way to where they cross may be long.
+                let most = -MAX_CROSSING * distance;
+                let [from, to] = sides.other.ends(other).map(|end| sides.to_own.transform_point3(end));
+                let beside = (position - from).cross((to - from).normalize_or_zero());
+                (0.0..=most).contains(&-pair.distance) && beside.length_squared() <= most * most
+            } else {
+                // Where the edge comes nearer, beyond the leash if that has stopped the point.
+                let way = pair.own.distance_squared(position);
+                let nearer = distance - pair.distance;
+                nearer >= 0.0 && nearer * nearer <= way && way <= f64::from(self.leash.length).powi(2)
+            }
+        };
+        let crossing = |other| self.crossing_of(sides, edge, other).filter(|pair| is_there(other, pair));
+        let found = sides.other.edges_of(face).into_iter().filter_map(crossing);
+        found.max_by(|a, b| a.distance.total_cmp(&b.distance))
     }
 
     /// The other surface's nearest point with its own nearest on this surface, which is flat there, if it is
