@@ -495,12 +495,6 @@ impl FeatureMesh {
         self.faces[face as usize].edges
     }
 
-    /// The other edges of the faces beside an edge.
-    pub fn edges_beside(&self, edge: u32) -> impl Iterator<Item = u32> {
-        let faces = self.sides[edge as usize].into_iter().filter(|face| *face != NONE);
-        faces.flat_map(|face| self.edges_of(face)).filter(move |beside| *beside != edge)
-    }
-
     /// A face beside a feature.
     pub fn face_at(&self, feature: MeshFeature) -> u32 {
         match feature {

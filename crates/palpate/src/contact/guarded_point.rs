@@ -314,9 +314,10 @@ impl GuardedPoint {
         let Sides { own, other, to_other, .. } = frames.sides(self.is_probe);
         let at = to_other.transform_point3(own.position(&self.place));
         let Some(nearer) = other.nearer(at, distance) else { return (distance, false) };
+        self.clear = below(nearer.distance + motion);
         let is_other = nearer.face != self.face && nearer.distance < distance - frames.min_descent;
         if is_other {
-            (self.face, self.clear) = (nearer.face, below(nearer.distance + motion));
+            self.face = nearer.face;
         }
         (nearer.distance, is_other)
     }
@@ -394,7 +395,9 @@ impl GuardedPoint {
             }
             is_cut &= fallen < frames.min_descent;
             stride = (LONGER * stride).min(1.0);
-            self.trust -= way.length() as f32;
+            let way = way.length() as f32;
+            self.trust -= way;
+            self.clear -= way;
             is_moved = true;
             (self.place, position, closest) = (place, next, found);
         }

@@ -101,6 +101,44 @@ fn edges_that_overlap_at_a_low_angle_are_held_where_they_cross() {
     }
 }
 
+/// A knife that lies across the end of a plate, a little in it, with a point on the diagonal of its blade, which
+/// is a strip of 20 µm. The diagonal has no normal across both edges, and the strip's borders need not have
+/// one. Out of the plate's end the knife would slide along itself, and sink in where nothing holds it.
+#[test]
+fn a_narrow_blade_is_held_across_the_end_of_a_plate() {
+    const DEPTH: f64 = 1e-4;
+    let ring = |half: DVec3| {
+        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| half * DVec3::new(x, y, 1.0))
+    };
+    let vertices = [ring(DVec3::new(5e-3, 1e-5, 0.0)), ring(DVec3::new(5e-3, 1e-3, 6e-3))].concat();
+    let triangles = vec![
+        [0, 2, 1],
+        [0, 3, 2],
+        [4, 5, 6],
+        [4, 6, 7],
+        [0, 1, 5],
+        [0, 5, 4],
+        [1, 2, 6],
+        [1, 6, 5],
+        [2, 3, 7],
+        [2, 7, 6],
+        [3, 0, 4],
+        [3, 4, 7],
+    ];
+    let knife = FeatureMesh::new(&TriMesh::new(vertices, triangles).expect("a knife"));
+    let plate = block(DVec3::new(0.02, 0.02, 0.01));
+    let end = Pose::from_translation(DVec3::new(-0.01, 0.0, -0.005));
+    for (roll, yaw) in [(0.0, 0.0), (0.05, 0.2), (-0.05, 0.2), (0.2, -0.3), (-0.2, -0.3)] {
+        let turn = DQuat::from_rotation_z(yaw) * DQuat::from_rotation_y(0.03) * DQuat::from_rotation_x(roll);
+        let pose = Pose::new(DVec3::NEG_Z * DEPTH, turn);
+        let mut point = new((DVec3::X * -DEPTH, 1e-7), true, &Frames::new((&knife, &pose), (&plate, &end)));
+        assert!(matches!(point.place, Place::Edge(..)) && knife.sharpness(point.place.into()) == 0.0);
+        let found = measure(&mut point, (&knife, &pose), (&plate, &end));
+        assert!((found.distance + DEPTH).abs() < 0.1 * DEPTH, "{roll}, {yaw}: {found:?}");
+        assert!(found.normal.dot(DVec3::NEG_Z) > 0.99, "{roll}, {yaw}: {found:?}");
+    }
+}
+
 /// A corner before a wall, of a body that also has a plate, which comes down on the corner along the wall. The
 /// corner stays as far from the wall, and turns to the plate before that could be nearer than it tells.
 #[test]

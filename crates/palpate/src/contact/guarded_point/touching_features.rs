@@ -56,6 +56,10 @@ const MAX_FURTHER_MOVES: u32 = 16;
 /// cross; with more, edges on other sides of the bodies do.
 const MAX_CROSSING: f64 = 4.0;
 
+/// Slope of the normal of crossing edges beyond those of their surfaces up to which they hold an overlap. With
+/// less, narrow flat parts slip through; with more, edges on other sides of the bodies hold them.
+const LEAN: f64 = 0.3;
+
 /// Number of times that the nearest points are taken in turn. With fewer, edges that nearly lie along each
 /// other are not held; with more, steps take longer.
 const TURNS: u32 = 4;
@@ -237,36 +241,31 @@ impl GuardedPoint {
         match closest.feature {
             MeshFeature::Edge(other) => {
                 // No further from each other than the point is.
-                let found = self.crossing_of(sides, edge, other)?;
+                let found = self.crossing_of(sides, edge, other, LEVEL)?;
                 (found.distance.abs() <= (1.0 + LEVEL) * closest.distance.abs()).then_some(found)
             }
             MeshFeature::Face(face) => {
-                let found = self.crossing_at(sides, (edge, face), (position, closest.distance));
-                // An edge inside a flat part has no normals: those around that part may cross.
-                let is_inner = closest.distance < 0.0
-                    && found.is_none()
-                    && sides.own.sharpness(MeshFeature::Edge(edge)) <= TILT;
-                if !is_inner {
+                let at = (position, closest.distance);
+                let found = self.crossing_at(sides, (edge, face), at, LEVEL);
+                if found.is_some() || closest.distance >= 0.0 {
                     return found;
                 }
-                let most = MAX_CROSSING * closest.distance;
-                let around = sides.own.edges_beside(edge);
-                let found =
-                    around.map(|own| self.crossing_at(sides, (own, face), (position, closest.distance)));
-                let is_near = |pair: &Pair| pair.own.distance_squared(position) <= most * most;
-                found.flatten().filter(is_near).max_by(|a, b| a.distance.total_cmp(&b.distance))
+                // In an overlap, so do edges that nearly have that normal: an edge inside a narrow flat part has
+                // the part's alone, and it is the part's border that crosses.
+                self.crossing_at(sides, (edge, face), at, LEAN)
             }
             MeshFeature::Vertex(_) => None,
         }
     }
 
-    /// The points where an edge of its own surface crosses one of the other surface's face, which is nearest
-    /// to a position at a distance (m).
+    /// The points where an edge of its own surface crosses one of the other surface's face that is nearest to a
+    /// position at a distance (m). `slope` is that up to which the direction across both is a normal.
     fn crossing_at(
         &self,
         sides: &Sides<'_>,
         (edge, face): (u32, u32),
         (position, distance): (DVec3, f64),
+        slope: f64,
     ) -> Option<Pair> {
         let is_there = |other: u32, pair: &Pair| {
             if distance < 0.0 {
@@ -283,7 +282,8 @@ impl GuardedPoint {
                 nearer >= 0.0 && nearer * nearer <= way && way <= f64::from(self.leash.length).powi(2)
             }
         };
-        let crossing = |other| self.crossing_of(sides, edge, other).filter(|pair| is_there(other, pair));
+        let crossing =
+            |other| self.crossing_of(sides, edge, other, slope).filter(|pair| is_there(other, pair));
         let found = sides.other.edges_of(face).into_iter().filter_map(crossing);
         found.max_by(|a, b| a.distance.total_cmp(&b.distance))
     }
@@ -349,7 +349,7 @@ impl GuardedPoint {
                 return None;
             }
             if let (MeshFeature::Edge(edge), MeshFeature::Edge(beyond)) = (feature, there.feature)
-                && let Some(pair) = self.crossing_of(sides, edge, beyond)
+                && let Some(pair) = self.crossing_of(sides, edge, beyond, LEVEL)
                 && pair.distance.abs() <= (1.0 + LEVEL) * here.distance
             {
                 return Some(pair);
@@ -409,8 +409,8 @@ impl GuardedPoint {
     }
 
     /// The points at which two edges, of the guarded point's own surface and of the other one, cross, if the
-    /// normal of both edges is one of both surfaces there.
-    fn crossing_of(&self, sides: &Sides<'_>, edge: u32, other_edge: u32) -> Option<Pair> {
+    /// direction across both is a normal of both surfaces there, up to a slope.
+    fn crossing_of(&self, sides: &Sides<'_>, edge: u32, other_edge: u32, slope: f64) -> Option<Pair> {
         let Sides { own, other, to_own, to_other, .. } = *sides;
         let [a, b] = own.ends(edge);
         let [c, d] = other.ends(other_edge).map(|end| to_own.transform_point3(end));
@@ -430,7 +430,7 @@ impl GuardedPoint {
         let normal = if normal.dot(own.out_of(edge)) < 0.0 { -normal } else { normal };
         let inward = -to_other.transform_vector3(normal);
         let is_normal = |surface: &FeatureMesh, edge: u32, normal: DVec3| {
-            surface.rise(MeshFeature::Edge(edge), normal) <= LEVEL
+            surface.rise(MeshFeature::Edge(edge), normal) <= slope
         };
         if !is_normal(own, edge, normal) || !is_normal(other, other_edge, inward) {
             return None;
