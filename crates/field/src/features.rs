@@ -590,6 +590,9 @@ impl FeatureMesh {
         }
     }
 
+    /// Smallest fraction of the way along an edge that a descent tries first. With less, it follows motion late.
+    pub const MIN_STRIDE: f64 = 1.0 / 64.0;
+
     /// Whether a place is a local minimum: [`Self::descend`] then leads nowhere from it.
     #[inline(always)]
     pub fn is_lowest(&self, place: &Place, normal: DVec3, stride: f64, leash: &Leash) -> bool {
@@ -652,10 +655,11 @@ impl FeatureMesh {
         let along = to - from;
         let rise = normal.dot(along);
         if rise * rise > MIN_SLOPE * MIN_SLOPE * along.length_squared() {
-            let end = self.leashed(edge, if rise > 0.0 { 0.0 } else { 1.0 }, leash);
-            let next = at + (end - at) * stride;
-            if (next - at).abs() > MIN_STEP {
-                return Some(self.on_edge(edge, next));
+            let way = self.leashed(edge, if rise > 0.0 { 0.0 } else { 1.0 }, leash) - at;
+            // Near the end a stride may be shorter than a step, and the end is lower all the same.
+            let is_stride = stride >= Self::MIN_STRIDE && way.abs() > MIN_STEP;
+            if is_stride || (way * stride).abs() > MIN_STEP {
+                return Some(self.on_edge(edge, at + way * stride));
             }
         }
         self.across_a_face(edge, at, normal, leash)

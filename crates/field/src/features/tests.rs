@@ -344,6 +344,29 @@ fn descents_stay_on_their_leash() {
     assert!(limited > 300, "{limited} leashes are needed");
 }
 
+/// A place a millionth of an edge or two from its end goes on to that, though its stride is shorter than a step.
+#[test]
+fn a_descent_with_a_short_stride_gets_to_a_vertex() {
+    let mesh = block(DVec3::new(0.1, 0.05, 0.02));
+    let features = FeatureMesh::new(&mesh);
+    let up = DVec3::new(0.3, 0.4, 0.866).normalize();
+    for edge in 0..features.edges.len() as u32 {
+        let [from, to] = features.ends(edge);
+        for share in [2e-6, 1e-5, 5e-5, 1e-4] {
+            // The end that is lower, of edges that are not level.
+            let rise = up.dot(to - from) / from.distance(to);
+            if rise.abs() < 0.01 {
+                continue;
+            }
+            let place = Place::Edge(edge, (if rise > 0.0 { share } else { 1.0 - share }) as f32);
+            let next = features.descend(&place, up, FeatureMesh::MIN_STRIDE, &FREE);
+            assert!(!features.is_lowest(&place, up, FeatureMesh::MIN_STRIDE, &FREE));
+            let fell = next.map(|next| up.dot(features.position(&place) - features.position(&next)));
+            assert!(fell.is_some_and(|fell| fell > 0.0), "edge {edge}, {share}: {next:?}, {fell:?}");
+        }
+    }
+}
+
 /// A leash of half an edge from its middle ends at both of its vertices. From one of them down is along the
 /// edge, though it is steeper along another one, on which the leash leaves nothing, or little.
 #[test]

@@ -19,9 +19,6 @@ const MAX_SETTLING_MOVES: u32 = 32;
 /// known of how far from the other surface it is.
 const MAX_FIRST_MOVES: u32 = 256;
 
-/// Smallest fraction of the way along an edge that a point tries first. With less, points follow motion late.
-const MIN_STRIDE: f32 = 1.0 / 64.0;
-
 /// Factors on that fraction after a move that leads down, and after one that does not where the distance is
 /// not convex.
 const LONGER: f32 = 4.0;
@@ -404,7 +401,7 @@ impl GuardedPoint {
         if is_moved {
             closest = self.checked(&sides, position, closest, f64::NEG_INFINITY);
         }
-        self.stride = stride.max(MIN_STRIDE);
+        self.stride = stride.max(FeatureMesh::MIN_STRIDE as f32);
         self.face = closest.face;
         Descent { position, closest, is_settled }
     }

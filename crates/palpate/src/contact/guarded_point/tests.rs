@@ -422,7 +422,7 @@ fn short_ways_do_not_end_beside_a_corner() {
         for way in [1.5e-6, 2.5e-6, 1e-5, 1e-3] {
             let mut point = new((corner, 0.01), true, &frames);
             point.place = cube.place_near(corner + along * way);
-            point.stride = MIN_STRIDE;
+            point.stride = FeatureMesh::MIN_STRIDE as f32;
             assert!(matches!(point.place, Place::Edge(..)), "{:?}", point.place);
             let found = point.measure_on(&frames, point.slack, f64::INFINITY);
             assert!((found.distance - gap).abs() < 1e-8, "{way} m from the corner: {found:?}");
