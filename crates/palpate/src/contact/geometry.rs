@@ -223,7 +223,8 @@ impl ContactGeometry {
                 if !measured.is_settled && measured.distance >= left {
                     measured = point.measure_on(&frames, *slack, *margin + reach);
                 }
-                let (mut clear, turned) = point.look_around(&frames, measured.distance, reach, *since);
+                let (mut clear, turned) =
+                    point.look_around(&frames, measured.distance, (reach, *margin), *since);
                 if turned {
                     measured = point.measure(&frames, *slack, *margin + reach);
                     clear = measured.distance;

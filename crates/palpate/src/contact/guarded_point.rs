@@ -33,6 +33,10 @@ const MIN_DESCENT: f64 = 1e-8;
 /// beside an edge.
 const OFF_FACE: f64 = 7e-6;
 
+/// Distance up to which surfaces touch, in margins: nothing is much nearer. With more, what comes in from
+/// beside is met late; with less, points that touch look around in each step.
+const TOUCHING: f64 = 4.0;
+
 /// Fall of a distance relative to how far the point has moved, beyond 1, that is rounding. With more, a point
 /// moves to where the far side of a wall looks like a deep overlap.
 const ROUNDING: f64 = 1e-6;
@@ -291,21 +295,26 @@ impl GuardedPoint {
     }
 
     /// Turns to the nearest face of the whole surface where another than the one that the point knows may be
-    /// nearer by now, after a motion of the bodies since the query (m). `reach` is that of contacts, m. Returns
-    /// how far the bodies may move until then, m, and whether it has turned.
+    /// nearer by now, after a motion of the bodies since the query (m): before it could be within reach of
+    /// contacts, and within reach, before it could be at half of the distance. `margin` is that at which
+    /// surfaces are held apart, m. Returns how far the bodies may move until then, m, and whether it has
+    /// turned.
     pub fn look_around(
         &mut self,
         frames: &Frames<'_>,
         distance: f64,
-        reach: f64,
+        (reach, margin): (f64, f64),
         motion: f64,
     ) -> (f64, bool) {
-        if !distance.is_finite() || distance <= reach {
+        let left = f64::from(self.clear) - motion;
+        if !distance.is_finite() || distance <= TOUCHING * margin || left >= distance {
             return (distance, false);
         }
-        let left = f64::from(self.clear) - motion;
         if left > reach {
-            return (left.min(distance), false);
+            return (left, false);
+        }
+        if distance <= reach && left > 0.5 * distance {
+            return (distance, false);
         }
         self.clear = below(distance + motion);
         let Sides { own, other, to_other, .. } = frames.sides(self.is_probe);

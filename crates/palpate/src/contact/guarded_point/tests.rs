@@ -169,7 +169,7 @@ fn a_point_turns_to_what_comes_in_from_beside() {
         let gone = f64::from(step) * STEP;
         let frames = Frames::new((&cube, &corner), (&both, &at(gone)));
         let distance = point.measure(&frames, point.slack, REACH).distance;
-        let (clear, turned) = point.look_around(&frames, distance, REACH, gone);
+        let (clear, turned) = point.look_around(&frames, distance, (REACH, 1e-7), gone);
         looks += u32::from(clear == distance);
         turns += u32::from(turned);
         let there = corner.transform_point(point.ends(&frames)[0]) + DVec3::Z * gone;
