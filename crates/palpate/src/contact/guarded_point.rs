@@ -401,9 +401,7 @@ impl GuardedPoint {
             }
             is_cut &= fallen < frames.min_descent;
             stride = (LONGER * stride).min(1.0);
-            let way = way.length() as f32;
-            self.trust -= way;
-            self.clear -= way;
+            self.trust -= way.length() as f32;
             is_moved = true;
             (self.place, position, closest) = (place, next, found);
         }
