@@ -310,7 +310,8 @@ impl GuardedPoint {
         if !distance.is_finite() || distance <= TOUCHING * margin || left >= distance {
             return (distance, false);
         }
-        if left > reach {
+        // What it hides may be nearer than that.
+        if left > reach + f64::from(self.hidden) {
             return (left, false);
         }
         if distance <= reach && left > 0.5 * distance {
