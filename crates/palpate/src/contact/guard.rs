@@ -37,10 +37,12 @@ const MAX_GROWTH: u32 = 3;
 const MAX_NEAR: usize = 3 * MAX_UNILATERAL / 2;
 
 /// Coarseness with the largest growth.
-const COARSE: u32 = MAX_GROWTH - 1;
+const COARSE: u32 = MAX_GROWTH - 1 + MAX_HALVINGS;
+
+const MAX_HALVINGS: u32 = 2;
 
 /// Largest coarseness of cells.
-const MAX_COARSENESS: u32 = 10;
+const MAX_COARSENESS: u32 = 12;
 
 /// Largest number of cells whose points are made, some of which come out as the same. With more, a query
 /// takes longer.
@@ -123,15 +125,19 @@ struct Known {
 struct Cells {
     /// Edge of the smallest, m.
     edge: f64,
-    /// Power of the distance that they are as large as.
+    /// Power of the distance that they are as large as, beyond one.
     growth: u32,
+    /// That distance, in edges.
+    near: f32,
 }
 
 impl Cells {
     /// Cells of a coarseness, of which the finest have an edge (m).
     fn new(edge: f64, coarseness: u32) -> Self {
-        let doublings = (coarseness + 1).saturating_sub(MAX_GROWTH);
-        Self { edge: edge * f64::from(1 << doublings), growth: (1 + coarseness).min(MAX_GROWTH) }
+        let growth = (1 + coarseness).min(MAX_GROWTH);
+        let halvings = (1 + coarseness - growth).min(MAX_HALVINGS);
+        let doublings = 1 + coarseness - growth - halvings;
+        Self { edge: edge * f64::from(1 << doublings), growth, near: NEAR / (1 << halvings) as f32 }
     }
 }
 
@@ -224,7 +230,7 @@ impl Start {
     /// The cell. Those that are 4096 edges apart have the same key.
     fn cell(&self, cells: &Cells) -> u64 {
         let edge = cells.edge as f32;
-        let size = (cells.growth * ((self.distance / (NEAR * edge)).max(1.0) as u32).ilog2()).min(8);
+        let size = (cells.growth * ((self.distance / (cells.near * edge)).max(1.0) as u32).ilog2()).min(8);
         if !self.is_tip && self.leash > edge * (1 << size) as f32 {
             // It stands for more than a cell.
             return self.feature();

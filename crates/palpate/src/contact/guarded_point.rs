@@ -84,6 +84,8 @@ pub(crate) struct GuardedPoint {
     /// Motion of the bodies since the query up to which the surface has no nearer point than the one that is
     /// known, m.
     clear: f32,
+    /// The same of the place at which the point started, m.
+    home: f32,
 }
 
 /// A guarded point, measured.
@@ -206,6 +208,7 @@ impl GuardedPoint {
             trust: 0.0,
             hidden: 0.0,
             clear: 0.0,
+            home: 0.0,
         };
         point.settle(frames, least);
         point
@@ -225,7 +228,7 @@ impl GuardedPoint {
         let Descent { closest, is_settled, .. } = self.descend(frames, MAX_FIRST_MOVES, f64::INFINITY);
         let distance = closest.distance as f32;
         let nearer = || (distance - 2.0 * self.leash.length).max(least).max(0.0);
-        self.clear = distance;
+        (self.clear, self.home) = (distance, least);
         self.slack = if is_settled { distance } else { distance.min(nearer()) };
     }
 
@@ -306,7 +309,7 @@ impl GuardedPoint {
         (reach, margin): (f64, f64),
         motion: f64,
     ) -> (f64, bool) {
-        let left = f64::from(self.clear) - motion;
+        let left = f64::from(self.clear.min(self.home)) - motion;
         if !distance.is_finite() || distance <= TOUCHING * margin || left >= distance {
             return (distance, false);
         }
@@ -317,16 +320,21 @@ impl GuardedPoint {
         if distance <= reach && left > 0.5 * distance {
             return (distance, false);
         }
-        self.clear = below(distance + motion);
         let Sides { own, other, to_other, .. } = frames.sides(self.is_probe);
-        let at = to_other.transform_point3(own.position(&self.place));
-        let Some(nearer) = other.nearer(at, distance) else { return (distance, false) };
-        self.clear = below(nearer.distance + motion);
-        let is_other = nearer.face != self.face && nearer.distance < distance - frames.min_descent;
-        if is_other {
-            self.face = nearer.face;
+        let (place, home) = (own.position(&self.place), self.leash.home);
+        let nearer = other.nearer(to_other.transform_point3(place), distance);
+        let clear = nearer.map_or(distance, |nearer| nearer.distance);
+        let at_home = (home != place).then(|| other.nearer(to_other.transform_point3(home), clear)).flatten();
+        let least = at_home.map_or(clear, |nearer| nearer.distance);
+        (self.clear, self.home) = (below(clear + motion), below(least + motion));
+        if let Some(nearer) = at_home.filter(|nearer| nearer.distance < clear - frames.min_descent) {
+            (self.place, self.face, self.stride) = (own.place_near(home), nearer.face, 1.0);
+            return (least, true);
         }
-        (nearer.distance, is_other)
+        let is_lower = |nearer: &ClosestPoint| nearer.distance < distance - frames.min_descent;
+        let other = nearer.filter(|nearer| nearer.face != self.face && is_lower(nearer));
+        self.face = other.map_or(self.face, |nearer| nearer.face);
+        (clear, other.is_some())
     }
 
     /// The measurement of the point where it is, without moving it.
