@@ -139,25 +139,70 @@ fn a_narrow_blade_is_held_across_the_end_of_a_plate() {
     }
 }
 
+/// Two blocks (edges, and middles, m) as one surface.
+fn two_blocks(blocks: [(DVec3, DVec3); 2]) -> FeatureMesh {
+    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+    for (edges, at) in blocks {
+        let (block, first) = (test_meshes::block(edges), vertices.len() as u32);
+        vertices.extend(block.vertices().iter().map(|vertex| *vertex + at));
+        triangles.extend(block.triangles().iter().map(|triangle| triangle.map(|vertex| vertex + first)));
+    }
+    FeatureMesh::new(&TriMesh::new(vertices, triangles).expect("two blocks"))
+}
+
+/// Distance of a point outside of a block, m.
+fn to_box((edges, at): (DVec3, DVec3), point: DVec3) -> f64 {
+    ((point - at).abs() - 0.5 * edges).max(DVec3::ZERO).length()
+}
+
+/// A point that has gone from one corner of a cube to the next one, over a post. The corner where it started
+/// is over another post, which comes up to it. It goes back before that could be nearer than it tells.
+#[test]
+fn a_point_goes_back_to_where_it_started_before_that_is_met() {
+    const REACH: f64 = 1e-4;
+    let post = |x: f64, top: f64| (DVec3::new(0.002, 0.03, 0.02), DVec3::new(x, 0.0, top - 0.01));
+    let posts = [post(-0.005, -5.5e-3), post(0.005, -6e-3)];
+    let (cube, both) = (block(DVec3::splat(0.01)), two_blocks(posts));
+    // About the top of the first post.
+    let about = Pose::from_translation(DVec3::new(-0.005, 0.0, -5.5e-3));
+    let at = |angle: f64| about * Pose::new(DVec3::ZERO, DQuat::from_rotation_y(-angle)) * about.inverse();
+    let start = at(0.0);
+    let home = DVec3::new(0.005, 0.005, -0.005);
+    let other = home.with_x(-0.005);
+    let mut point = new((other, 0.0101), true, &Frames::new((&cube, &Pose::IDENTITY), (&both, &start)));
+    (point.leash.home, point.home) = (home, 1e-3);
+    let mut turns = 0;
+    for step in 1..=95 {
+        let angle = 1e-3 * f64::from(step);
+        let pose = at(angle);
+        let frames = Frames::new((&cube, &Pose::IDENTITY), (&both, &pose));
+        let mut distance = point.measure(&frames, point.slack, REACH).distance;
+        // No part of the cube is further from the axis.
+        let (mut clear, turned) = point.look_around(&frames, distance, (REACH, 1e-7), 0.02 * angle);
+        if turned {
+            turns += 1;
+            distance = point.measure(&frames, point.slack, REACH).distance;
+            clear = distance;
+        }
+        let back = pose.inverse();
+        let truth = [home, other].map(|corner| {
+            posts.map(|post| to_box(post, back.transform_point(corner))).into_iter().fold(1.0, f64::min)
+        });
+        let truth = truth[0].min(truth[1]);
+        assert!(clear.min(distance) <= truth + 1e-9, "step {step}: {clear} m and {distance} m, not {truth}");
+    }
+    assert_eq!(turns, 1, "it goes back once");
+}
+
 /// A corner before a wall, of a body that also has a plate, which comes down on the corner along the wall. The
 /// corner stays as far from the wall, and turns to the plate before that could be nearer than it tells.
 #[test]
 fn a_point_turns_to_what_comes_in_from_beside() {
     let wall = (DVec3::new(0.01, 0.1, 0.1), DVec3::X * 0.01);
     let plate = (DVec3::new(0.02, 0.1, 0.004), DVec3::new(-0.006, 0.0, 0.032));
-    let blocks = [wall, plate].map(|(edges, at)| (test_meshes::block(edges), at));
-    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
-    for (block, at) in &blocks {
-        let first = vertices.len() as u32;
-        vertices.extend(block.vertices().iter().map(|vertex| *vertex + *at));
-        triangles.extend(block.triangles().iter().map(|triangle| triangle.map(|vertex| vertex + first)));
-    }
-    let both = FeatureMesh::new(&TriMesh::new(vertices, triangles).expect("two blocks"));
+    let both = two_blocks([wall, plate]);
     let cube = block(DVec3::splat(0.01));
     let corner = Pose::from_translation(DVec3::new(-0.005, -0.005, -0.005));
-    let to_box = |(edges, at): (DVec3, DVec3), point: DVec3| {
-        ((point - at).abs() - 0.5 * edges).max(DVec3::ZERO).length()
-    };
     const REACH: f64 = 1e-4;
     const STEP: f64 = 1e-4;
     let at = |gone: f64| Pose::from_translation(DVec3::NEG_Z * gone);
