@@ -590,7 +590,8 @@ impl FeatureMesh {
         }
     }
 
-    /// Smallest fraction of the way along an edge that a descent tries first. With less, it follows motion late.
+    /// Smallest fraction of the way along an edge that a descent tries first. With less, it follows motion
+    /// late.
     pub const MIN_STRIDE: f64 = 1.0 / 64.0;
 
     /// Whether a place is a local minimum: [`Self::descend`] then leads nowhere from it.

@@ -344,7 +344,7 @@ fn descents_stay_on_their_leash() {
     assert!(limited > 300, "{limited} leashes are needed");
 }
 
-/// A place a millionth of an edge or two from its end goes on to that, though its stride is shorter than a step.
+/// A place some millionths of an edge from its end goes on to that, though its stride is shorter than a step.
 #[test]
 fn a_descent_with_a_short_stride_gets_to_a_vertex() {
     let mesh = block(DVec3::new(0.1, 0.05, 0.02));

@@ -20,7 +20,7 @@ use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, NearObject, in_t
 use super::guarded_point::{Frames, GuardedPoint};
 use super::near_features::NearFeature;
 
-/// Distance of surfaces up to which cells are smallest, in edges of theirs; beyond it they grow.
+/// Distance of surfaces up to which the finest cells are smallest, in edges of theirs; beyond it they grow.
 /// With less, points that are soon needed are missing; with more, there are more points.
 const NEAR: f32 = 4.0;
 
@@ -36,10 +36,12 @@ const MAX_GROWTH: u32 = 3;
 /// lie along each other touch between points.
 const MAX_NEAR: usize = 3 * MAX_UNILATERAL / 2;
 
-/// Coarseness with the largest growth.
-const COARSE: u32 = MAX_GROWTH - 1 + MAX_HALVINGS;
-
+/// Number of times that the distance from which they grow is halved, before all are doubled. With fewer,
+/// cells of close fits hide places; with more, those of surfaces a little apart do.
 const MAX_HALVINGS: u32 = 2;
+
+/// Coarseness from which all are doubled.
+const COARSE: u32 = MAX_GROWTH - 1 + MAX_HALVINGS;
 
 /// Largest coarseness of cells.
 const MAX_COARSENESS: u32 = 12;
@@ -120,14 +122,15 @@ struct Known {
     coarseness: u32,
 }
 
-/// Sizes of cells. The coarser, the faster they first grow with the distance; then all are doubled.
+/// Sizes of cells. The coarser, the faster they first grow with the distance, and then from nearer; then all
+/// are doubled.
 #[derive(Clone, Copy, Debug)]
 struct Cells {
     /// Edge of the smallest, m.
     edge: f64,
-    /// Power of the distance that they are as large as, beyond one.
+    /// Power of the distance that they are as large as, beyond the nearest.
     growth: u32,
-    /// That distance, in edges.
+    /// Up to there they are smallest, in edges.
     near: f32,
 }
 

@@ -74,9 +74,9 @@ fn crossed_edges_are_nearest_where_they_cross() {
     }
 }
 
-/// Ridges that overlap at a low angle, with a point that its leash holds away from where they cross: by several
-/// depths along its ridge, though it is beside the other one. It holds them where they cross; out of the
-/// nearest face they would slide sideways, and further in.
+/// Ridges that overlap at a low angle, with a point that its leash holds away from where they cross: by
+/// several depths along its ridge, though it is beside the other one. It holds them where they cross; out of
+/// the nearest face they would slide sideways, and further in.
 #[test]
 fn edges_that_overlap_at_a_low_angle_are_held_where_they_cross() {
     const DEPTH: f64 = 1e-4;
@@ -101,9 +101,9 @@ fn edges_that_overlap_at_a_low_angle_are_held_where_they_cross() {
     }
 }
 
-/// A knife that lies across the end of a plate, a little in it, with a point on the diagonal of its blade, which
-/// is a strip of 20 µm. The diagonal has no normal across both edges, and the strip's borders need not have
-/// one. Out of the plate's end the knife would slide along itself, and sink in where nothing holds it.
+/// A knife that lies across the end of a plate, a little in it, with a point on the diagonal of its blade,
+/// which is a strip of 20 µm. The diagonal has no normal across both edges, and the strip's borders need not
+/// have one. Out of the plate's end the knife would slide along itself, and sink in where nothing holds it.
 #[test]
 fn a_narrow_blade_is_held_across_the_end_of_a_plate() {
     const DEPTH: f64 = 1e-4;
@@ -194,7 +194,7 @@ fn a_point_goes_back_to_where_it_started_before_that_is_met() {
     assert_eq!(turns, 1, "it goes back once");
 }
 
-/// A corner before a wall, of a body that also has a plate, which comes down on the corner along the wall. The
+/// A corner before a wall of a body that also has a plate, which comes down on the corner along the wall. The
 /// corner stays as far from the wall, and turns to the plate before that could be nearer than it tells.
 #[test]
 fn a_point_turns_to_what_comes_in_from_beside() {

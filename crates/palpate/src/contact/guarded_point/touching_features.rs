@@ -56,8 +56,8 @@ const MAX_FURTHER_MOVES: u32 = 16;
 /// cross; with more, edges on other sides of the bodies do.
 const MAX_CROSSING: f64 = 4.0;
 
-/// Slope of the normal of crossing edges beyond those of their surfaces up to which they hold an overlap. With
-/// less, narrow flat parts slip through; with more, edges on other sides of the bodies hold them.
+/// Slope of the normal of crossing edges beyond those of their surfaces up to which they hold an overlap.
+/// With less, narrow flat parts slip through; with more, edges on other sides of the bodies hold them.
 const LEAN: f64 = 0.3;
 
 /// Number of times that the nearest points are taken in turn. With fewer, edges that nearly lie along each
@@ -250,16 +250,16 @@ impl GuardedPoint {
                 if found.is_some() || closest.distance >= 0.0 {
                     return found;
                 }
-                // In an overlap, so do edges that nearly have that normal: an edge inside a narrow flat part has
-                // the part's alone, and it is the part's border that crosses.
+                // In an overlap, so do edges that nearly have that normal: an edge inside a narrow flat part
+                // has the part's alone, and it is the part's border that crosses.
                 self.crossing_at(sides, (edge, face), at, LEAN)
             }
             MeshFeature::Vertex(_) => None,
         }
     }
 
-    /// The points where an edge of its own surface crosses one of the other surface's face that is nearest to a
-    /// position at a distance (m). `slope` is that up to which the direction across both is a normal.
+    /// The points where an edge of its own surface crosses one of the other surface's face that is nearest to
+    /// a position at a distance (m). `slope` is that up to which the direction across both is a normal.
     fn crossing_at(
         &self,
         sides: &Sides<'_>,
