@@ -175,6 +175,10 @@ impl Lists {
 }
 
 impl FeatureMesh {
+    /// Smallest fraction of the way along an edge that a descent tries first. With less, it follows motion
+    /// late.
+    pub const MIN_STRIDE: f64 = 1.0 / 64.0;
+
     /// Links the features of a mesh.
     ///
     /// # Panics
@@ -590,10 +594,6 @@ impl FeatureMesh {
         }
     }
 
-    /// Smallest fraction of the way along an edge that a descent tries first. With less, it follows motion
-    /// late.
-    pub const MIN_STRIDE: f64 = 1.0 / 64.0;
-
     /// Whether a place is a local minimum: [`Self::descend`] then leads nowhere from it.
     #[inline(always)]
     pub fn is_lowest(&self, place: &Place, normal: DVec3, stride: f64, leash: &Leash) -> bool {
@@ -657,9 +657,9 @@ impl FeatureMesh {
         let rise = normal.dot(along);
         if rise * rise > MIN_SLOPE * MIN_SLOPE * along.length_squared() {
             let way = self.leashed(edge, if rise > 0.0 { 0.0 } else { 1.0 }, leash) - at;
-            // Near the end a stride may be shorter than a step, and the end is lower all the same.
-            let is_stride = stride >= Self::MIN_STRIDE && way.abs() > MIN_STEP;
-            if is_stride || (way * stride).abs() > MIN_STEP {
+            // Near the end the first stride may be shorter than a step, and the end is lower all the same.
+            let is_first = stride >= Self::MIN_STRIDE && way.abs() > MIN_STEP;
+            if is_first || (way * stride).abs() > MIN_STEP {
                 return Some(self.on_edge(edge, at + way * stride));
             }
         }

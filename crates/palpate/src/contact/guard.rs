@@ -36,11 +36,11 @@ const MAX_GROWTH: u32 = 3;
 /// lie along each other touch between points.
 const MAX_NEAR: usize = 3 * MAX_UNILATERAL / 2;
 
-/// Number of times that the distance from which they grow is halved, before all are doubled. With fewer,
-/// cells of close fits hide places; with more, those of surfaces a little apart do.
+/// Number of times that the distance from which they grow is halved, before their edge is doubled. With
+/// fewer, cells of close fits hide places; with more, those of surfaces a little apart do.
 const MAX_HALVINGS: u32 = 2;
 
-/// Coarseness from which all are doubled.
+/// Coarseness from which their edge is doubled.
 const COARSE: u32 = MAX_GROWTH - 1 + MAX_HALVINGS;
 
 /// Largest coarseness of cells.
@@ -122,15 +122,15 @@ struct Known {
     coarseness: u32,
 }
 
-/// Sizes of cells. The coarser, the faster they first grow with the distance, and then from nearer; then all
-/// are doubled.
+/// Sizes of cells. The coarser, the faster they first grow with the distance, and then from nearer; then the
+/// smallest are doubled.
 #[derive(Clone, Copy, Debug)]
 struct Cells {
     /// Edge of the smallest, m.
     edge: f64,
-    /// Power of the distance that they are as large as, beyond the nearest.
+    /// Power of the distance that they are as large as, where they grow.
     growth: u32,
-    /// Up to there they are smallest, in edges.
+    /// Distance of surfaces up to which they are smallest, in edges.
     near: f32,
 }
 

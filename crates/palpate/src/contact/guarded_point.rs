@@ -81,11 +81,9 @@ pub(crate) struct GuardedPoint {
     /// Largest distance of other places that it stands for and does not descend to, m: they may be nearer by
     /// that.
     pub hidden: f32,
-    /// Motion of the bodies since the query up to which the surface has no nearer point than the one that is
-    /// known, m.
+    /// Motion of the bodies since the query up to which the other surface is no nearer than is known, to the
+    /// point and to where it started, m.
     clear: f32,
-    /// The same of the place at which the point started, m.
-    home: f32,
 }
 
 /// A guarded point, measured.
@@ -208,7 +206,6 @@ impl GuardedPoint {
             trust: 0.0,
             hidden: 0.0,
             clear: 0.0,
-            home: 0.0,
         };
         point.settle(frames, least);
         point
@@ -228,7 +225,7 @@ impl GuardedPoint {
         let Descent { closest, is_settled, .. } = self.descend(frames, MAX_FIRST_MOVES, f64::INFINITY);
         let distance = closest.distance as f32;
         let nearer = || (distance - 2.0 * self.leash.length).max(least).max(0.0);
-        (self.clear, self.home) = (distance, least);
+        self.clear = distance.min(least);
         self.slack = if is_settled { distance } else { distance.min(nearer()) };
     }
 
@@ -298,10 +295,10 @@ impl GuardedPoint {
     }
 
     /// Turns to the nearest face of the whole surface where another than the one that the point knows may be
-    /// nearer by now, after a motion of the bodies since the query (m): before it could be within reach of
-    /// contacts, and within reach, before it could be at half of the distance. `margin` is that at which
-    /// surfaces are held apart, m. Returns how far the bodies may move until then, m, and whether it has
-    /// turned.
+    /// nearer by now, after a motion of the bodies since the query (m), and goes back to where it started if
+    /// that is nearer: before either could be within reach of contacts, and within reach, before it could be
+    /// at half of the distance. `margin` is that at which surfaces are held apart, m. Returns how far the
+    /// bodies may move until then, m, and whether it has turned.
     pub fn look_around(
         &mut self,
         frames: &Frames<'_>,
@@ -309,7 +306,7 @@ impl GuardedPoint {
         (reach, margin): (f64, f64),
         motion: f64,
     ) -> (f64, bool) {
-        let left = f64::from(self.clear.min(self.home)) - motion;
+        let left = f64::from(self.clear) - motion;
         if !distance.is_finite() || distance <= TOUCHING * margin || left >= distance {
             return (distance, false);
         }
@@ -326,7 +323,7 @@ impl GuardedPoint {
         let clear = nearer.map_or(distance, |nearer| nearer.distance);
         let at_home = (home != place).then(|| other.nearer(to_other.transform_point3(home), clear)).flatten();
         let least = at_home.map_or(clear, |nearer| nearer.distance);
-        (self.clear, self.home) = (below(clear + motion), below(least + motion));
+        self.clear = below(least + motion);
         if let Some(nearer) = at_home.filter(|nearer| nearer.distance < clear - frames.min_descent) {
             (self.place, self.face, self.stride) = (own.place_near(home), nearer.face, 1.0);
             return (least, true);

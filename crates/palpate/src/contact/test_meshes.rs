@@ -13,6 +13,12 @@ pub fn block(edges: DVec3) -> TriMesh {
     TriMesh::new((0..8).map(|i| corner(i) * edges).collect(), triangles).expect("a box")
 }
 
+/// Signed distance of a point from such a box, m.
+pub fn to_block(edges: DVec3, point: DVec3) -> f64 {
+    let off = point.abs() - 0.5 * edges;
+    off.max(DVec3::ZERO).length() + off.max_element().min(0.0)
+}
+
 /// A ball of `2 sides²` triangles.
 pub fn ball(radius: f64, sides: u32) -> TriMesh {
     let at = |ring: u32, i: u32| 1 + (ring - 1) * sides + i % sides;

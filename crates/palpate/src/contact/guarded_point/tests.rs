@@ -107,25 +107,13 @@ fn edges_that_overlap_at_a_low_angle_are_held_where_they_cross() {
 #[test]
 fn a_narrow_blade_is_held_across_the_end_of_a_plate() {
     const DEPTH: f64 = 1e-4;
-    let ring = |half: DVec3| {
-        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| half * DVec3::new(x, y, 1.0))
+    let wide = test_meshes::block(DVec3::new(0.01, 2e-3, 6e-3));
+    let tapered = |vertex: &DVec3| {
+        let width = if vertex.z < 0.0 { 0.01 } else { 1.0 };
+        *vertex * DVec3::new(1.0, width, 1.0) + DVec3::Z * 3e-3
     };
-    let vertices = [ring(DVec3::new(5e-3, 1e-5, 0.0)), ring(DVec3::new(5e-3, 1e-3, 6e-3))].concat();
-    let triangles = vec![
-        [0, 2, 1],
-        [0, 3, 2],
-        [4, 5, 6],
-        [4, 6, 7],
-        [0, 1, 5],
-        [0, 5, 4],
-        [1, 2, 6],
-        [1, 6, 5],
-        [2, 3, 7],
-        [2, 7, 6],
-        [3, 0, 4],
-        [3, 4, 7],
-    ];
-    let knife = FeatureMesh::new(&TriMesh::new(vertices, triangles).expect("a knife"));
+    let vertices = wide.vertices().iter().map(tapered).collect();
+    let knife = FeatureMesh::new(&TriMesh::new(vertices, wide.triangles().to_vec()).expect("a knife"));
     let plate = block(DVec3::new(0.02, 0.02, 0.01));
     let end = Pose::from_translation(DVec3::new(-0.01, 0.0, -0.005));
     for (roll, yaw) in [(0.0, 0.0), (0.05, 0.2), (-0.05, 0.2), (0.2, -0.3), (-0.2, -0.3)] {
@@ -139,6 +127,11 @@ fn a_narrow_blade_is_held_across_the_end_of_a_plate() {
     }
 }
 
+/// Distance of a point from a block (edges, and middle, m), m.
+fn to_block((edges, at): (DVec3, DVec3), point: DVec3) -> f64 {
+    test_meshes::to_block(edges, point - at)
+}
+
 /// Two blocks (edges, and middles, m) as one surface.
 fn two_blocks(blocks: [(DVec3, DVec3); 2]) -> FeatureMesh {
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
@@ -148,11 +141,6 @@ fn two_blocks(blocks: [(DVec3, DVec3); 2]) -> FeatureMesh {
         triangles.extend(block.triangles().iter().map(|triangle| triangle.map(|vertex| vertex + first)));
     }
     FeatureMesh::new(&TriMesh::new(vertices, triangles).expect("two blocks"))
-}
-
-/// Distance of a point outside of a block, m.
-fn to_box((edges, at): (DVec3, DVec3), point: DVec3) -> f64 {
-    ((point - at).abs() - 0.5 * edges).max(DVec3::ZERO).length()
 }
 
 /// A point that has gone from one corner of a cube to the next one, over a post. The corner where it started
@@ -170,7 +158,7 @@ fn a_point_goes_back_to_where_it_started_before_that_is_met() {
     let home = DVec3::new(0.005, 0.005, -0.005);
     let other = home.with_x(-0.005);
     let mut point = new((other, 0.0101), true, &Frames::new((&cube, &Pose::IDENTITY), (&both, &start)));
-    (point.leash.home, point.home) = (home, 1e-3);
+    (point.leash.home, point.clear) = (home, point.clear.min(1e-3));
     let mut turns = 0;
     for step in 1..=95 {
         let angle = 1e-3 * f64::from(step);
@@ -186,7 +174,7 @@ fn a_point_goes_back_to_where_it_started_before_that_is_met() {
         }
         let back = pose.inverse();
         let truth = [home, other].map(|corner| {
-            posts.map(|post| to_box(post, back.transform_point(corner))).into_iter().fold(1.0, f64::min)
+            posts.map(|post| to_block(post, back.transform_point(corner))).into_iter().fold(1.0, f64::min)
         });
         let truth = truth[0].min(truth[1]);
         assert!(clear.min(distance) <= truth + 1e-9, "step {step}: {clear} m and {distance} m, not {truth}");
@@ -218,7 +206,7 @@ fn a_point_turns_to_what_comes_in_from_beside() {
         looks += u32::from(clear == distance);
         turns += u32::from(turned);
         let there = corner.transform_point(point.ends(&frames)[0]) + DVec3::Z * gone;
-        let truth = to_box(wall, there).min(to_box(plate, there));
+        let truth = to_block(wall, there).min(to_block(plate, there));
         assert!(clear.min(distance) <= truth + 1e-9, "step {step}: {clear} m and {distance} m, not {truth}");
         assert!(clear >= REACH || clear >= truth - 1e-9, "step {step}: {clear} m, not {truth}");
     }

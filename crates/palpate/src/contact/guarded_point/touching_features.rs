@@ -250,8 +250,8 @@ impl GuardedPoint {
                 if found.is_some() || closest.distance >= 0.0 {
                     return found;
                 }
-                // In an overlap, so do edges that nearly have that normal: an edge inside a narrow flat part
-                // has the part's alone, and it is the part's border that crosses.
+                // In an overlap, edges that nearly have that normal cross, too: an edge inside a narrow flat
+                // part has the part's alone, and it is the part's border that crosses.
                 self.crossing_at(sides, (edge, face), at, LEAN)
             }
             MeshFeature::Vertex(_) => None,

@@ -8,15 +8,14 @@ use rand::rngs::StdRng;
 use rand::{RngExt as _, SeedableRng as _};
 
 use super::*;
-use crate::contact::test_meshes::{ball, block};
+use crate::contact::test_meshes::{ball, block, to_block};
 
 /// Half of the edges of the box, m.
 const HALF: DVec3 = DVec3::new(0.06, 0.04, 0.01);
 
 /// Distance of a point from the box, m.
 fn distance(p: DVec3) -> f64 {
-    let off = p.abs() - HALF;
-    off.max(DVec3::ZERO).length() + off.max_element().min(0.0)
+    to_block(2.0 * HALF, p)
 }
 
 /// Places along the edges of a mesh at which it is not flat.
