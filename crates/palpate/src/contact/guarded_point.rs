@@ -368,8 +368,9 @@ impl GuardedPoint {
     /// Moves the point down, in at most so many moves. Its distance is known to be at least `least` (m), but
     /// for overlaps that were not there.
     ///
-    /// A walk over faces may end on the far side of a wall, which looks like an overlap. Since a distance
-    /// falls by no more than the point has moved, a move on which it falls by more is not made.
+    /// A walk over faces may end on the far side of a wall, which looks like an overlap: where the point
+    /// comes to one, the whole surface is searched. Since a distance falls by no more than the point has
+    /// moved, a move on which it falls by more is not made.
     fn descend(&mut self, frames: &Frames<'_>, moves: u32, least: f64) -> Descent {
         let sides = frames.sides(self.is_probe);
         let Sides { own, other, to_other, to_own, .. } = sides;
@@ -385,7 +386,10 @@ impl GuardedPoint {
                 break;
             };
             let next = own.position(&place);
-            let found = other.walk(to_other.transform_point3(next), closest.face);
+            let mut found = other.walk(to_other.transform_point3(next), closest.face);
+            if found.distance < 0.0 && closest.distance >= 0.0 {
+                found = self.searched(&sides, next, found, f64::NEG_INFINITY);
+            }
             let way = next - position;
             let fallen = closest.distance - found.distance;
             if fallen > 0.0 && fallen * fallen > (1.0 + ROUNDING) * way.length_squared() {
@@ -411,7 +415,7 @@ impl GuardedPoint {
             is_moved = true;
             (self.place, position, closest) = (place, next, found);
         }
-        if is_moved {
+        if is_moved || closest.distance >= 0.0 {
             closest = self.checked(&sides, position, closest, f64::NEG_INFINITY);
         }
         self.stride = stride.max(FeatureMesh::MIN_STRIDE as f32);

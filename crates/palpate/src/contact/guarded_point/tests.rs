@@ -25,6 +25,17 @@ fn block(edges: DVec3) -> FeatureMesh {
     FeatureMesh::new(&test_meshes::block(edges))
 }
 
+/// A knife of 10 mm along x, with a blade of 20 µm at z = 0.
+fn knife() -> FeatureMesh {
+    let wide = test_meshes::block(DVec3::new(0.01, 2e-3, 6e-3));
+    let tapered = |vertex: &DVec3| {
+        let width = if vertex.z < 0.0 { 0.01 } else { 1.0 };
+        *vertex * DVec3::new(1.0, width, 1.0) + DVec3::Z * 3e-3
+    };
+    let vertices = wide.vertices().iter().map(tapered).collect();
+    FeatureMesh::new(&TriMesh::new(vertices, wide.triangles().to_vec()).expect("a knife"))
+}
+
 /// A point that starts near `home` (m, in its own frame).
 fn new((home, length): (DVec3, f64), is_probe: bool, frames: &Frames<'_>) -> GuardedPoint {
     GuardedPoint::new((frames.own(is_probe).place_near(home), length), 0, is_probe, 0, (frames, 0.0))
@@ -107,13 +118,7 @@ fn edges_that_overlap_at_a_low_angle_are_held_where_they_cross() {
 #[test]
 fn a_narrow_blade_is_held_across_the_end_of_a_plate() {
     const DEPTH: f64 = 1e-4;
-    let wide = test_meshes::block(DVec3::new(0.01, 2e-3, 6e-3));
-    let tapered = |vertex: &DVec3| {
-        let width = if vertex.z < 0.0 { 0.01 } else { 1.0 };
-        *vertex * DVec3::new(1.0, width, 1.0) + DVec3::Z * 3e-3
-    };
-    let vertices = wide.vertices().iter().map(tapered).collect();
-    let knife = FeatureMesh::new(&TriMesh::new(vertices, wide.triangles().to_vec()).expect("a knife"));
+    let knife = knife();
     let plate = block(DVec3::new(0.02, 0.02, 0.01));
     let end = Pose::from_translation(DVec3::new(-0.01, 0.0, -0.005));
     for (roll, yaw) in [(0.0, 0.0), (0.05, 0.2), (-0.05, 0.2), (0.2, -0.3), (-0.2, -0.3)] {
@@ -124,6 +129,38 @@ fn a_narrow_blade_is_held_across_the_end_of_a_plate() {
         let found = measure(&mut point, (&knife, &pose), (&plate, &end));
         assert!((found.distance + DEPTH).abs() < 0.1 * DEPTH, "{roll}, {yaw}: {found:?}");
         assert!(found.normal.dot(DVec3::NEG_Z) > 0.99, "{roll}, {yaw}: {found:?}");
+    }
+}
+
+/// The blade of a knife crosses an edge under it. From one side of the blade, the other end of the edge looks
+/// to be deep inside.
+#[test]
+fn a_descent_does_not_pass_under_a_blade() {
+    let mut rng = StdRng::seed_from_u64(0xB1AD);
+    let (knife, cube) = (knife(), block(DVec3::splat(0.02)));
+    // An edge of the cube is along x, at the top.
+    let half = 0.01 * 2.0_f64.sqrt();
+    let object = Pose::new(DVec3::NEG_Z * half, DQuat::from_rotation_x(std::f64::consts::FRAC_PI_4));
+    for round in 0..400 {
+        let gap = rng.random_range(1e-6..1e-5);
+        let yaw = std::f64::consts::FRAC_PI_2 + rng.random_range(-0.5..0.5);
+        let roll: f64 = rng.random_range(-1.0..1.0);
+        // The lower border of the blade is at that gap over the edge.
+        let pose = Pose::new(
+            DVec3::Z * (gap + 1e-5 * roll.sin().abs()),
+            DQuat::from_rotation_z(yaw) * DQuat::from_rotation_x(roll),
+        );
+        let frames = Frames::new((&knife, &pose), (&cube, &object));
+        let home = DVec3::new(rng.random_range(-2e-4..2e-4), 0.01, 0.01);
+        // As though it had come there in short moves.
+        let mut point = new((home, 3e-3), false, &frames);
+        (point.place, point.stride) = (cube.place_near(home), rng.random_range(1.0..8.0) / 64.0);
+        point.face = knife.face_near(pose.inverse().transform_point(object.transform_point(home)), 0);
+        let found = point.measure_on(&frames, 0.0, 1e-6);
+        assert!(
+            found.is_settled && (found.nearest - gap).abs() < 1e-7,
+            "round {round}: {found:?}, not {gap} m"
+        );
     }
 }
 
