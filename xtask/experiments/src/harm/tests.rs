@@ -145,6 +145,27 @@ fn plain_scenes_feel_right() {
     assert!(harm.is_empty(), "{harm:#?}");
 }
 
+/// Pokes that went in by 0.05 to 2.3 mm: past places of a plate that coarse points stood for, along blades,
+/// at the end of a steep descent, beside a tip; with a knife whose far side looked like an overlap; with
+/// teeth that turned by 0.1 rad in a step; with a block whose edge crossed one of the slab while its points
+/// were outside; with a knife that fell flat, and teeth that were held by a face which they had passed.
+#[test]
+fn pokes_that_went_in_are_held() {
+    let known = [
+        "1188267406d417a9",
+        "1188267406d417a9:0077d2400e563b00f3bd1",
+        "1188267406d417a9:001b732003bc00006b5f9009654d00b5221",
+        "9fe5f966c755da48:000ffff001b7290021eca003edb5004fa4c005fb65006bcd60073a58008a8cc009581200abb9b00b6ae800ce47a00d704400e387e",
+        "d19064eaf88492ae:000ffff001f4ff0023505003255100495b80056a450067adc0073b740083f5d009a76a00ac3f900b0b9600cc8df00dbdbd00edf4d00fbf65",
+        "d19064eaf88492ae:00404530058cd70068cd8007249b00ce4a000dc549",
+        "98136467ba955e9e:001f6da003093600452d70050a30006bdad008222e00d67ee00e0893",
+        "7d52d986ac93f5e1:001c3a9003ff0e00421f0005e02a00647a10071ff1008b315009aa3300a63f000b438e00cc49d00d64ca00ee5d600fd1bd",
+        "323e39c372c65ea2:001fbe4002a60e0033b6a0041886005258b006ae9400741b800a4e9f00b2c3c00cfaaa00d000000e6ee0",
+    ];
+    let harm = harmful(&Pokes, known.into_iter().map(|genome| genome.parse().expect("a genome")));
+    assert!(harm.is_empty(), "{harm:#?}");
+}
+
 /// To rerun one: `cargo xtask harm --poke SEED`.
 #[test]
 fn nothing_is_poked_into_a_slab() {
