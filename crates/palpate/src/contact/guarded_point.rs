@@ -415,6 +415,7 @@ impl GuardedPoint {
             is_moved = true;
             (self.place, position, closest) = (place, next, found);
         }
+        // Where it has stayed at an overlap, that was checked before.
         if is_moved || closest.distance >= 0.0 {
             closest = self.checked(&sides, position, closest, f64::NEG_INFINITY);
         }

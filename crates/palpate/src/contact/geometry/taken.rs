@@ -12,7 +12,7 @@ use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::{MAX_UNILATERAL, MotionBound, UnilateralContact};
 
-use super::{ContactGeometry, Frames, NEAR_PLACE, NearObject, Points, SAME_PLACE, StepContacts};
+use super::{ContactGeometry, Frames, MAX_REACHED, NEAR_PLACE, NearObject, Points, SAME_PLACE, StepContacts};
 use crate::contact::guarded_point::{GuardedPoint, Measured};
 
 /// Number of times that a step is taken at most: the last time, with all contacts at a distance if it met one
@@ -64,6 +64,15 @@ struct Met {
     share: f64,
     /// The contact where it is met, if it can be told.
     contact: Option<UnilateralContact>,
+}
+
+/// What overlaps at the end of a step.
+#[derive(Clone, Copy, Debug)]
+struct Ahead {
+    /// The contact that holds it.
+    contact: UnilateralContact,
+    /// What takes the place of that contact if it is known and does not hold enough.
+    closer: Option<UnilateralContact>,
 }
 
 /// A step of the body that was taken.
@@ -239,8 +248,6 @@ impl ContactGeometry {
     /// Adds contacts for what overlaps at the end of a step in which no point of the body moves by more than
     /// `moved` (m). Returns whether there is any.
     fn add_ahead(&self, points: &Points, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
-        let [same_place, near_place] = [SAME_PLACE, NEAR_PLACE].map(|share| share * self.bound.radius);
-        let margin = self.margin;
         let StepContacts { contacts, near, left, .. } = found;
         let mut is_changed = false;
         let mut last: Option<(u8, Frames<'_>)> = None;
@@ -250,62 +257,86 @@ impl ContactGeometry {
             }
             let Some((mut point, object)) = self.point(points, key) else { continue };
             let gap = f64::from(point.slack);
-            let motion = moved + object.speed * step.dt;
-            let least = gap - motion;
-            if least > CLEAR * margin || gap < -HELD_DEPTH * margin {
+            let least = gap - moved - object.speed * step.dt;
+            if least > CLEAR * self.margin || gap < -HELD_DEPTH * self.margin {
                 continue;
             }
-            // What overlaps deeply at the start is met there.
-            let is_deep = gap < -MET_DEPTH * margin;
             let frames = match last {
                 Some((of, frames)) if of == point.object => frames,
                 _ => self.frames_at(object, step, 1.0),
             };
             last = Some((point.object, frames));
-            let later = settled(&mut point, &frames, least, motion, left);
-            // Edges may cross deep in an overlap though the points on them are outside. Those of points that
-            // are far outside pass beside each other where they hardly overlap.
-            let is_beside = later.nearest > HELD_DEPTH * margin && later.distance > -MET_DEPTH * margin;
-            // A step brings nothing nearer by more than the motion in it; what is met may be another wall
-            // than that at the gap.
-            if is_beside || !self.overlap(&later) || later.distance < gap.min(0.0) - motion {
-                continue;
-            }
-            let end = self.contact_at(key, object, step, 1.0, &later);
-            let start = UnilateralContact { gap, ..end };
-            let met = if is_deep { None } else { self.met(&start, points, (step, moved), left) };
-            let met = met.and_then(|met| met.contact);
-            let Some(contact) = met.or_else(|| later.distance.is_finite().then_some(end)) else { continue };
-            // A point may have gone from one end of its edge to the other.
-            let is_here = |known: &UnilateralContact| {
-                let within = if known.key == key { near_place } else { same_place };
-                known.arm.distance_squared(contact.arm) < within * within
-            };
-            let of = point.object;
-            let is_of = |key: u16| points.guarded.get(usize::from(key)).is_some_and(|it| it.object == of);
-            let is_same = |known: &UnilateralContact| {
-                is_of(known.key) && known.normal.dot(contact.normal) > AHEAD_NORMAL && is_here(known)
-            };
-            // What overlaps though the step leads away from it has come in from elsewhere.
-            let leads_out = end.gap < later.distance;
-            let was_there = contact.gap < gap.min(0.0) - margin;
-            if was_there && (!is_deep || leads_out) {
-                continue;
-            }
-            if let Some(known) = contacts.iter_mut().find(|known| is_same(known)) {
-                // Where it sinks in beyond a bent surface's plane at the start, that at the end holds it,
-                // unless the step leads out through that.
-                if later.distance.is_finite() && later.distance < gap.min(0.0) - margin {
-                    let held = if leads_out { contact } else { end };
-                    *known = UnilateralContact { impulse: known.impulse, friction: known.friction, ..held };
-                    is_changed = true;
-                }
-            } else {
-                // What there is no room for is met in the next step.
-                is_changed |= contacts.try_push(contact).is_ok();
+            let later = settled(&mut point, &frames, least, gap - least, left);
+            if let Some(ahead) = self.overlap_ahead(points, (step, moved), (key, gap, &later), left) {
+                is_changed |= self.hold(points, contacts, &ahead);
             }
         }
         is_changed
+    }
+
+    /// What overlaps at the end of a step at the point of a key, at a `gap` (m) at the start and as measured
+    /// `later`; `None` if nothing does that the step has brought there.
+    fn overlap_ahead(
+        &self,
+        points: &Points,
+        (step, moved): (&Taken, f64),
+        (key, gap, later): (u16, f64, &Measured),
+        left: &mut u32,
+    ) -> Option<Ahead> {
+        // Edges may cross deep in an overlap though the points on them are outside. Those of points that are
+        // far outside pass beside each other where they hardly overlap.
+        let is_beside = later.nearest > HELD_DEPTH * self.margin && later.distance > -MET_DEPTH * self.margin;
+        let (_, object) = self.point(points, key)?;
+        let motion = moved + object.speed * step.dt;
+        // A step brings nothing nearer by more than the motion in it; what is met may be another wall than
+        // that at the gap.
+        if is_beside || !self.overlap(later) || later.distance < gap.min(0.0) - motion {
+            return None;
+        }
+        let end = self.contact_at(key, object, step, 1.0, later);
+        // What overlaps deeply at the start is met there.
+        let is_deep = gap < -MET_DEPTH * self.margin;
+        let start = UnilateralContact { gap, ..end };
+        let met = if is_deep { None } else { self.met(&start, points, (step, moved), left) };
+        let met = met.and_then(|met| met.contact);
+        let contact = met.or_else(|| later.distance.is_finite().then_some(end))?;
+        // What overlaps though the step leads away from it has come in from elsewhere.
+        let leads_out = end.gap < later.distance;
+        let was_there = contact.gap < gap.min(0.0) - self.margin;
+        if was_there && (!is_deep || leads_out) {
+            return None;
+        }
+        let sinks_in = later.distance.is_finite() && later.distance < gap.min(0.0) - self.margin;
+        // Where it sinks in beyond a bent surface's plane at the start, that at the end holds it, unless the
+        // step leads out through that.
+        let closer = sinks_in.then_some(if leads_out { contact } else { end });
+        Some(Ahead { contact, closer })
+    }
+
+    /// Adds a contact, or has it hold closer if it is known. Returns whether that has changed anything.
+    fn hold(
+        &self,
+        points: &Points,
+        contacts: &mut ArrayVec<UnilateralContact, MAX_REACHED>,
+        &Ahead { contact, closer }: &Ahead,
+    ) -> bool {
+        let object_of = |key: u16| points.guarded.get(usize::from(key)).map(|point| point.object);
+        let is_same = |known: &UnilateralContact| {
+            // A point may have gone from one end of its edge to the other.
+            let share = if known.key == contact.key { NEAR_PLACE } else { SAME_PLACE };
+            let within = share * self.bound.radius;
+            object_of(known.key) == object_of(contact.key)
+                && known.normal.dot(contact.normal) > AHEAD_NORMAL
+                && known.arm.distance_squared(contact.arm) < within * within
+        };
+        let Some(known) = contacts.iter_mut().find(|known| is_same(known)) else {
+            // What there is no room for is met in the next step.
+            return contacts.try_push(contact).is_ok();
+        };
+        if let Some(held) = closer {
+            *known = UnilateralContact { impulse: known.impulse, friction: known.friction, ..held };
+        }
+        closer.is_some()
     }
 
     /// Whether the surfaces are not clear of each other at a point: where it is or at features that touch.
