@@ -266,7 +266,13 @@ impl ContactGeometry {
                 _ => self.frames_at(object, step, 1.0),
             };
             last = Some((point.object, frames));
-            let later = settled(&mut point, &frames, least, gap - least, left);
+            let mut later = settled(&mut point, &frames, least, gap - least, left);
+            // Where it has come to, another part of the surface may be nearer than that which it was near.
+            let since = points.motions.get(usize::from(point.object)).map_or(0.0, |since| since + gap - least);
+            let within = (self.margin, self.margin);
+            if *left > 0 && point.look_around(&frames, later.distance, within, since).1 {
+                later = settled(&mut point, &frames, least, gap - least, left);
+            }
             if let Some(ahead) = self.overlap_ahead(points, (step, moved), (key, gap, &later), left) {
                 is_changed |= self.hold(points, contacts, &ahead);
             }
