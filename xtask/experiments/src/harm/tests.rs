@@ -148,7 +148,8 @@ fn plain_scenes_feel_right() {
 /// Pokes that went in by 0.05 to 2.3 mm: past places of a plate that coarse points stood for, along blades,
 /// at the end of a steep descent, beside a tip; with a knife whose far side looked like an overlap; with
 /// teeth that turned by 0.1 rad in a step; with a block whose edge crossed one of the slab while its points
-/// were outside; with a knife that fell flat, and teeth that were held by a face which they had passed.
+/// were outside; with a knife that fell flat, and teeth that were held by a face which they had passed; with a
+/// tip that turned on to its plate, and teeth that came in around an edge.
 #[test]
 fn pokes_that_went_in_are_held() {
     let known = [
@@ -161,6 +162,8 @@ fn pokes_that_went_in_are_held() {
         "98136467ba955e9e:001f6da003093600452d70050a30006bdad008222e00d67ee00e0893",
         "7d52d986ac93f5e1:001c3a9003ff0e00421f0005e02a00647a10071ff1008b315009aa3300a63f000b438e00cc49d00d64ca00ee5d600fd1bd",
         "323e39c372c65ea2:001fbe4002a60e0033b6a0041886005258b006ae9400741b800a4e9f00b2c3c00cfaaa00d000000e6ee0",
+        "fce95703ce8cf14e:00005850019414002166d0044ce50053dc00061ebc00748ef008b35c009a19600a96f700b141f00c0c7300da08900ed47c00fd604",
+        "d19064eaf88492ae:001fff1002e2c500328f900cdca400e0e37",
     ];
     let harm = harmful(&Pokes, known.into_iter().map(|genome| genome.parse().expect("a genome")));
     assert!(harm.is_empty(), "{harm:#?}");

@@ -268,7 +268,8 @@ impl ContactGeometry {
             last = Some((point.object, frames));
             let mut later = settled(&mut point, &frames, least, gap - least, left);
             // Where it has come to, another part of the surface may be nearer than that which it was near.
-            let since = points.motions.get(usize::from(point.object)).map_or(0.0, |since| since + gap - least);
+            let since =
+                points.motions.get(usize::from(point.object)).map_or(0.0, |since| since + gap - least);
             let within = (self.margin, self.margin);
             if *left > 0 && point.look_around(&frames, later.distance, within, since).1 {
                 later = settled(&mut point, &frames, least, gap - least, left);
@@ -301,15 +302,16 @@ impl ContactGeometry {
         }
         let end = self.contact_at(key, object, step, 1.0, later);
         // What overlaps deeply at the start is met there.
-        let is_deep = gap < -MET_DEPTH * self.margin;
-        let start = UnilateralContact { gap, ..end };
-        let met = if is_deep { None } else { self.met(&start, points, (step, moved), left) };
-        let met = met.and_then(|met| met.contact);
-        let contact = met.or_else(|| later.distance.is_finite().then_some(end))?;
+        let met = if gap < -MET_DEPTH * self.margin {
+            None
+        } else {
+            self.met(&UnilateralContact { gap, ..end }, points, (step, moved), left)
+        };
+        let contact =
+            met.and_then(|met| met.contact).or_else(|| later.distance.is_finite().then_some(end))?;
         // What overlaps though the step leads away from it has come in from elsewhere.
         let leads_out = end.gap < later.distance;
-        let was_there = contact.gap < gap.min(0.0) - self.margin;
-        if was_there && (!is_deep || leads_out) {
+        if leads_out && contact.gap < gap.min(0.0) - self.margin {
             return None;
         }
         let sinks_in = later.distance.is_finite() && later.distance < gap.min(0.0) - self.margin;
