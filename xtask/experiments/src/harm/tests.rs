@@ -148,8 +148,8 @@ fn plain_scenes_feel_right() {
 /// Pokes that went in by 0.05 to 2.3 mm: past places of a plate that coarse points stood for, along blades,
 /// at the end of a steep descent, beside a tip; with a knife whose far side looked like an overlap; with
 /// teeth that turned by 0.1 rad in a step; with a block whose edge crossed one of the slab while its points
-/// were outside; with a knife that fell flat, and teeth that were held by a face which they had passed; with a
-/// tip that turned on to its plate, and teeth that came in around an edge.
+/// were outside; with a knife that fell flat, and teeth that were held by a face which they had passed; with
+/// a tip that turned on to its plate, and teeth that came in around an edge.
 #[test]
 fn pokes_that_went_in_are_held() {
     let known = [
