@@ -40,7 +40,7 @@ pub mod tool;
 
 pub use contact::monitor::{ContactForce, ContactMonitor, ContactSnapshot, TouchingPatches, level_color};
 pub use contact::representative;
-pub use contact::{ContactLoop, ContactUpdate, Pull};
+pub use contact::{ContactLoop, ContactUpdate, Guarded, Pull};
 pub use haptic::HapticLoop;
 pub use haptic::reactions::{Reaction, Reactions};
 pub use palpate_clod_build as clod_build;

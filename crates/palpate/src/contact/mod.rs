@@ -82,10 +82,25 @@ pub struct ContactUpdate {
     pub(crate) geometry: Option<ContactGeometry>,
 }
 
+/// Guarded points that a contact step has found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Guarded {
+    /// Their number.
+    pub points: usize,
+    /// Largest motion of any point of the body up to which nothing else can be touched, m.
+    pub room: f64,
+}
+
 impl ContactUpdate {
     /// An update with penalty contacts.
     pub fn new(model: LinearContactModel, time: f64, depth: f64, contacts: u32) -> Self {
         Self { model, time, depth, contacts, geometry: None }
+    }
+
+    /// What holds the body out of surfaces until the next contact step; `None` if all contacts are penalty
+    /// contacts.
+    pub fn guarded(&self) -> Option<Guarded> {
+        self.geometry.as_ref().map(|found| Guarded { points: found.points.len(), room: found.bound.room })
     }
 
     /// No contact, before any query.
