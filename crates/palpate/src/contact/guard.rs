@@ -5,7 +5,7 @@
 //! there. Each descends to a local minimum of the distance between the surfaces.
 
 use std::cmp::Ordering;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -17,7 +17,7 @@ use palpate_dynamics::MAX_UNILATERAL;
 use palpate_field::{FeatureMesh, Place};
 
 use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, NearObject, in_turn};
-use super::guarded_point::{Frames, GuardedPoint};
+use super::guarded_point::{Frames, GuardedPoint, PlaceKey};
 use super::near_features::NearFeature;
 
 /// Distance of surfaces up to which the finest cells are smallest, in edges of theirs; beyond it they grow.
@@ -58,6 +58,17 @@ const MAX_NEAR_CELLS: usize = 3 * MAX_NEAR;
 /// they miss surfaces that have come nearer.
 const MAX_LATER: f64 = 0.02;
 
+/// Motion since a point has descended up to which it stays where it is, in its distance. With more, points of
+/// far surfaces lag behind their minima; with less, queries take longer.
+const STALE: f64 = 0.25;
+
+/// Share of the room for points that finer cells have to fit in. With more, queries try finer cells in vain;
+/// with less, cells stay coarse.
+const FINER: f64 = 0.9;
+
+/// Bit of the keys of features.
+const FEATURE: u64 = 1 << 63;
+
 /// Starts that there is room for from the start: those of close fits.
 const RESERVED_STARTS: usize = 32_768;
 
@@ -86,37 +97,70 @@ pub(super) struct Start {
     apart: f32,
     /// Lower bound on the distance of the features that it stands for, m.
     least: f32,
-    /// Largest distance of the tips in its cell, where they are far from the other surface, m.
-    hidden: f32,
+    /// Index of its cell among those chosen.
+    cell: u32,
     /// Hint for a search of the other surface from there.
     hint: u32,
     /// Place from the body's centre of mass, in its axes, m.
     at: Vec3,
 }
 
+/// The nearest start of a cell, which stands for the others in it.
+#[derive(Clone, Copy, Debug)]
+struct Chosen {
+    /// Its index, and key of the cell.
+    start: u32,
+    key: u64,
+    /// Those of [`Start`], for all starts in the cell, m.
+    distance: f32,
+    leash: f32,
+    least: f32,
+    /// Largest distance of the tips in the cell, where they are far from the other surface, m.
+    hidden: f32,
+}
+
 /// The workspace.
 #[derive(Debug, Default)]
 pub(super) struct Guard {
     pub starts: Vec<Start>,
-    /// Indices of the nearest start of each cell.
+    /// Motion since the last query relative to each object near, m; infinite if it is not known.
+    pub since: ArrayVec<f64, MAX_OBJECTS>,
+    /// Indices of the chosen starts of the cells.
     cells: HashMap<u64, u32, FixedState>,
-    /// These indices, the nearest starts first: the order of a hash map is not reproducible.
-    chosen: Vec<u32>,
+    chosen: Vec<Chosen>,
     /// Coarseness of the last query's cells.
     coarseness: u32,
+    /// Share of the cells that are left as points, and of those that near: for each coarseness that was
+    /// tried.
+    left: [Option<(f64, f64)>; MAX_COARSENESS as usize + 1],
     points: Vec<GuardedPoint>,
+    /// Places of points that are among them.
+    places: HashSet<PlaceKey, FixedState>,
     /// Points of geometries that the haptic loop has, or has had.
     handed: Vec<Arc<Vec<GuardedPoint>>>,
     known: Known,
 }
 
-/// Points of the last query by the features and the cells that they started from, from which those of the
-/// next one start.
+/// Points of a query, by the features and the cells that they started from.
+#[derive(Debug, Default)]
+struct PointsByStart {
+    points: Vec<KnownPoint>,
+    indices: HashMap<u64, u32, FixedState>,
+}
+
+/// A point with the motion of the bodies since it has descended, m.
+#[derive(Clone, Copy, Debug)]
+struct KnownPoint {
+    point: GuardedPoint,
+    gone: f64,
+}
+
+/// Points of the last query, from which those of the next one start.
 #[derive(Debug, Default)]
 struct Known {
-    points: HashMap<u64, GuardedPoint, FixedState>,
+    last: PointsByStart,
     /// Those of this query.
-    next: HashMap<u64, GuardedPoint, FixedState>,
+    next: PointsByStart,
     /// The surfaces that they are on by their places in the scene, and the cells' coarseness.
     objects: ArrayVec<(usize, Arc<FeatureMesh>), MAX_OBJECTS>,
     coarseness: u32,
@@ -144,26 +188,73 @@ impl Cells {
     }
 }
 
+impl PointsByStart {
+    fn new() -> Self {
+        Self {
+            points: Vec::with_capacity(RESERVED),
+            indices: HashMap::with_capacity_and_hasher(2 * RESERVED, FixedState::default()),
+        }
+    }
+
+    fn clear(&mut self) {
+        self.points.clear();
+        self.indices.clear();
+    }
+
+    fn get(&self, key: u64) -> Option<&KnownPoint> {
+        self.points.get(*self.indices.get(&key)? as usize)
+    }
+
+    fn insert(&mut self, keys: [u64; 2], point: KnownPoint) {
+        let index = self.points.len() as u32;
+        self.points.push(point);
+        self.indices.extend(keys.map(|key| (key, index)));
+    }
+}
+
+impl KnownPoint {
+    /// The point after a further motion of the bodies (m), where it need not descend again: those that it
+    /// stands for are at least at a distance `least` (m).
+    fn gone_on(&self, object: u8, since: f64, least: f32) -> Self {
+        let Self { mut point, gone } = *self;
+        point.go(object, since, least);
+        Self { point, gone: gone + since }
+    }
+
+    /// Whether it is far away for the motion since it has descended, and beyond a distance `near` (m).
+    fn is_fresh(&self, near: f64) -> bool {
+        let slack = f64::from(self.point.slack);
+        slack > near && self.gone <= STALE * slack
+    }
+}
+
 impl Known {
     fn new() -> Self {
-        let empty = || HashMap::with_capacity_and_hasher(RESERVED, FixedState::default());
-        Self { points: empty(), next: empty(), objects: ArrayVec::new(), coarseness: 0 }
+        Self {
+            last: PointsByStart::new(),
+            next: PointsByStart::new(),
+            objects: ArrayVec::new(),
+            coarseness: 0,
+        }
     }
 
     fn step(&mut self) {
-        std::mem::swap(&mut self.points, &mut self.next);
+        std::mem::swap(&mut self.last, &mut self.next);
         self.next.clear();
     }
 
-    /// Forgets points if another object is in the place of one that they are on, or they started in other
-    /// cells.
+    /// Forgets points if another object is in the place of one that they are on, and the cells that they
+    /// started in if there are other ones now.
     fn keep(&mut self, objects: &[NearObject], coarseness: u32) {
         let is_other = |near: &NearObject| {
             let known = self.objects.iter().find(|(place, _)| *place == near.place);
             known.is_some_and(|(_, surface)| !Arc::ptr_eq(surface, &near.surface))
         };
-        if objects.iter().any(is_other) || self.coarseness != coarseness {
-            self.points.clear();
+        if objects.iter().any(is_other) {
+            self.last.clear();
+        }
+        if self.coarseness != coarseness {
+            self.last.indices.retain(|key, _| *key >= FEATURE);
         }
         self.objects = objects.iter().map(|near| (near.place, Arc::clone(&near.surface))).collect();
         self.coarseness = coarseness;
@@ -209,7 +300,7 @@ impl Start {
             distance,
             apart,
             least,
-            hidden: 0.0,
+            cell: 0,
             hint,
             at: at.as_vec3(),
         }
@@ -221,8 +312,8 @@ impl Start {
             Place::Vertex(vertex) => (vertex, 0),
             Place::Edge(edge, at) => (edge ^ at.to_bits().rotate_left(16), 1),
         };
-        let kind = 1 << 2 | u64::from(self.is_probe) << 1 | is_edge;
-        kind << 61 | u64::from(self.object.1) << 32 | u64::from(feature)
+        let kind = u64::from(self.is_probe) << 1 | is_edge;
+        FEATURE | kind << 61 | u64::from(self.object.1) << 32 | u64::from(feature)
     }
 
     /// A lower bound on the distance of the features that it stands for, m.
@@ -262,9 +353,12 @@ impl Guard {
     pub fn new() -> Self {
         Self {
             starts: Vec::with_capacity(RESERVED_STARTS),
+            since: ArrayVec::new(),
             cells: HashMap::with_capacity_and_hasher(RESERVED, FixedState::default()),
             coarseness: 0,
+            left: [None; MAX_COARSENESS as usize + 1],
             chosen: Vec::with_capacity(RESERVED),
+            places: HashSet::with_capacity_and_hasher(RESERVED, FixedState::default()),
             points: Vec::with_capacity(RESERVED),
             handed: Vec::with_capacity(RESERVED_HANDED),
             known: Known::new(),
@@ -306,13 +400,16 @@ impl Guard {
     /// number of these within the body's reach.
     pub fn fill(&mut self, geometry: &mut ContactGeometry, mesh: &Pose, limits: &Limits) -> (f64, usize) {
         let mut left_out = f64::INFINITY;
-        // Bodies move little between queries: about as many cells as then come out as the same point. Cells
-        // are made finer again where their points should fit.
-        let same = self.points.len() as f64 / self.cells.len().max(1) as f64;
-        let fit = |cells: usize, most: usize| cells as f64 * same <= most as f64;
+        // Cells are made finer again where their points should fit: about as many of them are left as when
+        // that was last tried, or else as now.
+        let now = self.left[self.coarseness as usize].unwrap_or((1.0, 1.0));
         while self.coarseness > 0 {
+            let finer = self.coarseness as usize - 1;
             self.choose(&Cells::new(limits.edge, self.coarseness - 1), MAX_CELLS);
-            let fits = fit(self.cells.len(), MAX_POINTS) && fit(self.near_cells(limits.near), MAX_NEAR);
+            let (all, near) = self.left[finer].unwrap_or(now);
+            let fit = |cells: usize, left: f64, most: usize| cells as f64 * left <= FINER * most as f64;
+            let fits =
+                fit(self.chosen.len(), all, MAX_POINTS) && fit(self.near_cells(limits.near), near, MAX_NEAR);
             if !fits || self.are_too_many(limits.near) {
                 break;
             }
@@ -337,6 +434,10 @@ impl Guard {
                     self.merge(limits.near);
                     near = self.near(limits.near);
                 }
+                let share = |left: usize, cells: usize| left as f64 / cells.max(1) as f64;
+                let of_near = share(near, self.near_cells(limits.near));
+                self.left[self.coarseness as usize] =
+                    Some((share(self.points.len(), self.chosen.len()), of_near));
                 let fits = |next: &GuardedPoint| room_at(self.coarseness, limits) <= next.slack.into();
                 let all_fit = self.points.get(MAX_POINTS).is_none_or(fits);
                 if is_last || (all_fit && near <= MAX_NEAR) {
@@ -376,13 +477,13 @@ impl Guard {
     /// Whether the chosen starts are so many that not all of their points would find room, though some of
     /// them come out as the same.
     fn are_too_many(&self, near: f64) -> bool {
-        self.cells.len() > MAX_CELLS || self.near_cells(near) > MAX_NEAR_CELLS
+        self.chosen.len() > MAX_CELLS || self.near_cells(near) > MAX_NEAR_CELLS
     }
 
     /// Number of chosen starts within a distance (m).
     fn near_cells(&self, near: f64) -> usize {
         let near = near as f32;
-        self.cells.values().filter(|index| self.starts[**index as usize].distance < near).count()
+        self.chosen.iter().filter(|chosen| chosen.distance < near).count()
     }
 
     /// Number of points within a distance (m).
@@ -409,12 +510,19 @@ impl Guard {
     /// Chooses the nearest start of each cell, and ends early with more than `most` cells.
     fn choose(&mut self, cells: &Cells, most: usize) {
         self.cells.clear();
-        for (index, start) in self.starts.iter().enumerate() {
-            let nearest = self.cells.entry(start.cell(cells)).or_insert(index as u32);
-            if start.distance < self.starts[*nearest as usize].distance {
-                *nearest = index as u32;
+        self.chosen.clear();
+        for (index, start) in self.starts.iter_mut().enumerate() {
+            let key = start.cell(cells);
+            let next = self.chosen.len() as u32;
+            start.cell = *self.cells.entry(key).or_insert(next);
+            let Start { distance, leash, least, .. } = *start;
+            let made = Chosen { start: index as u32, key, distance, leash, least, hidden: 0.0 };
+            match self.chosen.get_mut(start.cell as usize) {
+                Some(chosen) if distance < chosen.distance => *chosen = made,
+                Some(_) => {}
+                None => self.chosen.push(made),
             }
-            if self.cells.len() > most {
+            if self.chosen.len() > most {
                 return;
             }
         }
@@ -423,11 +531,10 @@ impl Guard {
     /// Lets the point of each chosen start go wherever those may that it stands for. From one tip it does not
     /// descend to another.
     fn lengthen(&mut self, cells: &Cells) {
-        for index in 0..self.starts.len() {
-            let Start { at, leash, is_tip, distance, least, .. } = self.starts[index];
-            let Some(&chosen) = self.cells.get(&self.starts[index].cell(cells)) else { continue };
-            let chosen = &mut self.starts[chosen as usize];
-            let away = chosen.at.distance(at);
+        for start in &self.starts {
+            let Start { at, leash, is_tip, distance, least, cell, .. } = *start;
+            let Some(chosen) = self.chosen.get_mut(cell as usize) else { continue };
+            let away = self.starts[chosen.start as usize].at.distance(at);
             chosen.leash = chosen.leash.max(away + leash);
             chosen.least = chosen.least.min(least);
             if is_tip && distance > cells.edge as f32 {
@@ -440,35 +547,41 @@ impl Guard {
     fn make(&mut self, geometry: &ContactGeometry, mesh: &Pose, limits: &Limits, cells: &Cells) {
         self.lengthen(cells);
         self.points.clear();
-        self.chosen.clear();
-        self.chosen.extend(self.cells.values());
         self.known.keep(&geometry.objects, self.coarseness);
-        let Self { starts, chosen, known, points, .. } = &mut *self;
-        let distance = |index: u32| starts[index as usize].distance;
-        chosen.sort_unstable_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)));
+        let Self { starts, since, chosen, known, points, places, .. } = &mut *self;
+        // The order of the cells is that of the starts.
+        chosen.sort_unstable_by(|a, b| a.distance.total_cmp(&b.distance).then(a.start.cmp(&b.start)));
         let frames: ArrayVec<Frames<'_>, MAX_OBJECTS> = geometry.frames(mesh);
         let later = MAX_LATER * limits.edge;
-        for &index in chosen.iter() {
-            let start = starts[index as usize];
-            let Start { on, is_probe, leash, least, object: (object, _), .. } = start;
+        for &Chosen { start, key, leash, least, hidden, .. } in chosen.iter() {
+            let start = &starts[start as usize];
+            let Start { on, is_probe, object: (object, _), .. } = *start;
             let Some(frames) = frames.get(usize::from(object)) else { continue };
             let within = (on, cells.edge.max(leash.into()));
-            let key = start.cell(cells);
             let feature = start.feature();
-            let before = known.points.get(&feature).or_else(|| known.points.get(&key));
-            let before = before.map(|known| known.resumed(object, frames, least));
+            let since = since.get(usize::from(object)).copied().unwrap_or(f64::INFINITY);
             // It may have gone on to where a surface is no longer the nearest.
-            let mut point = before
-                .filter(|point| f64::from(point.slack) < f64::from(start.distance + start.apart) + later)
-                .unwrap_or_else(|| GuardedPoint::new(within, start.hint, is_probe, object, (frames, least)));
-            point.hidden = start.hidden;
-            points.push(point);
-            known.next.insert(key, point);
-            known.next.insert(feature, point);
+            let most = f64::from(start.distance + start.apart) + later;
+            let is_near = |known: &KnownPoint| f64::from(known.point.slack) + 2.0 * known.gone < most;
+            let before = known.last.get(feature).or_else(|| known.last.get(key));
+            let fresh = before.map(|known| known.gone_on(object, since, least));
+            let fresh = fresh.filter(|known| known.is_fresh(limits.near) && is_near(known));
+            let resumed = || {
+                let point = before?.point.resumed(object, frames, least);
+                Some(KnownPoint { point, gone: 0.0 }).filter(is_near)
+            };
+            let mut made = fresh.or_else(resumed).unwrap_or_else(|| {
+                let point = GuardedPoint::new(within, start.hint, is_probe, object, (frames, least));
+                KnownPoint { point, gone: 0.0 }
+            });
+            made.point.hidden = hidden;
+            points.push(made.point);
+            known.next.insert([key, feature], made);
         }
         known.step();
-        self.points.sort_unstable_by(order);
-        self.points.dedup_by_key(|point| point.place_key());
+        points.sort_unstable_by(order);
+        places.clear();
+        points.retain(|point| places.insert(point.place_key()));
     }
 }
 

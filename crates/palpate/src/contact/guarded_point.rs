@@ -86,6 +86,10 @@ pub(crate) struct GuardedPoint {
     clear: f32,
 }
 
+/// Key of a place at which a point may be: the scene object, whose surface it is on, the nearest face of the
+/// other one, its feature and the place on that; and the point's leash.
+pub(super) type PlaceKey = ((u8, bool, u32, u32, u64), u32);
+
 /// A guarded point, measured.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Measured {
@@ -217,6 +221,14 @@ impl GuardedPoint {
         let mut point = Self { object: index, trust: 0.0, ..*self };
         point.settle(frames, least);
         point
+    }
+
+    /// The point after a motion of the bodies (m), without a measurement. `index` is that of the scene object
+    /// now. What it stands for is no nearer than `least` (m).
+    pub fn go(&mut self, index: u8, motion: f64, least: f32) {
+        let left = |length: f32| below(f64::from(length) - motion);
+        (self.object, self.trust) = (index, 0.0);
+        (self.slack, self.clear) = (left(self.slack), left(self.clear).min(least));
     }
 
     /// Descends as far as it goes. Should it not end, points near it may be nearer by twice the leash, but
@@ -496,7 +508,7 @@ impl GuardedPoint {
     }
 
     /// Key of the place that the point has descended to, and its leash.
-    pub fn place_key(&self) -> ((u8, bool, u32, u32, u64), u32) {
+    pub fn place_key(&self) -> PlaceKey {
         let (feature, at) = match self.place {
             Place::Vertex(vertex) => (vertex, u64::MAX),
             Place::Edge(edge, at) => (edge, (at * 256.0) as u64),

@@ -176,7 +176,8 @@ impl ContactLoop {
             let own = &guard.starts[first..];
             if !own.is_empty() {
                 let least = own.iter().map(Start::least).fold(f64::INFINITY, f64::min);
-                near.push(Found { object, starts: first..guard.starts.len(), least });
+                let since = known.since();
+                near.push(Found { object, starts: first..guard.starts.len(), least, since });
             }
         }
         if near.len() > MAX_OBJECTS {
@@ -188,6 +189,7 @@ impl ContactLoop {
             near.sort_unstable_by_key(|found| found.starts.start);
         }
         guard.keep(near.iter().map(|found| found.starts.clone()));
+        guard.since = near.iter().map(|found| found.since).collect();
         geometry.objects.extend(near.drain(..).map(|found| found.object));
         (pairs.handles, pairs.found) = (handles, near);
         pairs.end();

@@ -91,6 +91,8 @@ pub(super) struct NearFeatures {
     last: Option<Pose>,
     /// Sum of the motions from query to query, m.
     moved: f64,
+    /// The last of them, m; infinite if it is not known.
+    since: f64,
     /// Workspaces: nodes to go to, and parts of an edge: number, ends as shares of its length, and hint.
     nodes: Vec<u32>,
     ways: Vec<(usize, f64, f64, u32)>,
@@ -175,6 +177,7 @@ impl NearFeatures {
         } else {
             *self = Self { last: self.last, ..Self::default() };
         }
+        self.since = since;
         let surfaces = [(probe, scene, to_scene), (scene, probe, to_scene.inverse())];
         let mut room = f64::INFINITY;
         for (side, (own, other, to_other)) in surfaces.into_iter().enumerate() {
@@ -200,6 +203,11 @@ impl NearFeatures {
             room = search.room;
         }
         room
+    }
+
+    /// Motion of the bodies between the last two queries, m; infinite if it is not known.
+    pub fn since(&self) -> f64 {
+        self.since
     }
 
     /// Bytes of memory held.

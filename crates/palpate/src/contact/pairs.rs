@@ -24,12 +24,14 @@ pub struct Pull {
     pub waited: bool,
 }
 
-/// An object near the body, its starts, and the least distance of what they stand for, m.
+/// An object near the body, its starts, the least distance of what they stand for, m, and the motion since
+/// the last query, m.
 #[derive(Debug)]
 pub(super) struct Found {
     pub object: NearObject,
     pub starts: Range<usize>,
     pub least: f64,
+    pub since: f64,
 }
 
 /// What is known of the distances from the scene objects, by their places.
