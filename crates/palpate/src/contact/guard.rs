@@ -62,6 +62,10 @@ const MAX_LATER: f64 = 0.02;
 /// far surfaces lag behind their minima; with less, queries take longer.
 const STALE: f64 = 0.25;
 
+/// Length of a point's leash, in that of its cell, up to which it goes on from the last query. With more,
+/// points of finer cells leave them; with less, points are searched anew that do not have to be.
+const LONGER: f64 = 2.0;
+
 /// Share of the room for points that finer cells have to fit in. With more, queries try finer cells in vain;
 /// with less, cells stay coarse.
 const FINER: f64 = 0.9;
@@ -564,10 +568,12 @@ impl Guard {
             let most = f64::from(start.distance + start.apart) + later;
             let is_near = |known: &KnownPoint| f64::from(known.point.slack) + 2.0 * known.gone < most;
             let before = known.last.get(feature).or_else(|| known.last.get(key));
-            let fresh = before.map(|known| known.gone_on(object, since, least));
+            let before = before.filter(|known| f64::from(known.point.leash()) <= LONGER * within.1);
+            let fresh = before.filter(|known| within.1 <= known.point.leash().into());
+            let fresh = fresh.map(|known| known.gone_on(object, since, least));
             let fresh = fresh.filter(|known| known.is_fresh(limits.near) && is_near(known));
             let resumed = || {
-                let point = before?.point.resumed(object, frames, least);
+                let point = before?.point.resumed((object, within.1), frames, least);
                 Some(KnownPoint { point, gone: 0.0 }).filter(is_near)
             };
             let mut made = fresh.or_else(resumed).unwrap_or_else(|| {

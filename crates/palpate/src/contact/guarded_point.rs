@@ -215,10 +215,12 @@ impl GuardedPoint {
         point
     }
 
-    /// The point of an earlier query at new poses. `index` is that of the scene object now.
-    pub fn resumed(&self, index: u8, frames: &Frames<'_>, least: f32) -> Self {
+    /// The point of an earlier query at new poses, that may now be up to `length` (m) from where it started.
+    /// `index` is that of the scene object now.
+    pub fn resumed(&self, (index, length): (u8, f64), frames: &Frames<'_>, least: f32) -> Self {
+        let leash = Leash { length: self.leash.length.max(length as f32), ..self.leash };
         // How far the bodies have moved is not known.
-        let mut point = Self { object: index, trust: 0.0, ..*self };
+        let mut point = Self { object: index, leash, trust: 0.0, ..*self };
         point.settle(frames, least);
         point
     }
@@ -493,6 +495,11 @@ impl GuardedPoint {
         let share = (after.distance - before.distance - beyond) / (slope - beyond);
         let share = if beyond > 0.0 && share > 0.0 && share < 1.0 { share } else { SHORTER };
         (-slope * share > min_descent).then_some(share as f32)
+    }
+
+    /// Length of its leash, m.
+    pub fn leash(&self) -> f32 {
+        self.leash.length
     }
 
     /// Whether another point has descended to the same place.
