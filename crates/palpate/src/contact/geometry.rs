@@ -219,7 +219,8 @@ impl ContactGeometry {
                 *slack += hidden;
                 let left = f64::from(*slack);
                 let mut measured = point.measure(&frames, *slack, *margin + reach);
-                // Until it has come to rest, no more is known than what it has been clear of.
+                // Until it has come to rest, no more is known than what it has been clear of, and how far
+                // other places on its leash are.
                 if !measured.is_settled && measured.distance >= left {
                     measured = point.measure_on(&frames, *slack, *margin + reach);
                 }
@@ -233,7 +234,10 @@ impl ContactGeometry {
                 // One that has further to go is measured again in the next step.
                 let known = match (measured.is_settled, gap.is_finite()) {
                     (true, _) => gap.min(clear).min(measured.nearest),
-                    (false, true) => gap.min(measured.nearest).min(left.clamp(0.0, reach)),
+                    (false, true) => {
+                        let others = point.least_beside(measured.nearest).max(left.clamp(0.0, reach));
+                        gap.min(measured.nearest).min(others)
+                    }
                     (false, false) => measured.nearest.clamp(0.0, reach),
                 };
                 let known = below(known);

@@ -238,9 +238,15 @@ impl GuardedPoint {
     fn settle(&mut self, frames: &Frames<'_>, least: f32) {
         let Descent { closest, is_settled, .. } = self.descend(frames, MAX_FIRST_MOVES, f64::INFINITY);
         let distance = closest.distance as f32;
-        let nearer = || (distance - 2.0 * self.leash.length).max(least).max(0.0);
+        let nearer = (self.least_beside(closest.distance) as f32).max(least).max(0.0);
         self.clear = distance.min(least);
-        self.slack = if is_settled { distance } else { distance.min(nearer()) };
+        self.slack = if is_settled { distance } else { distance.min(nearer) };
+    }
+
+    /// A lower bound on the distance of all places on the leash of a point at a distance (m) from the other
+    /// surface, m.
+    pub fn least_beside(&self, distance: f64) -> f64 {
+        distance - 2.0 * f64::from(self.leash.length)
     }
 
     /// Moves the point to where its surface is nearest to the other one, and measures it. `slack` (m) is what
