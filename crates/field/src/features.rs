@@ -58,7 +58,8 @@ pub struct FeatureMesh {
     exact: ExactDistance,
     tree: FeatureTree,
     is_closed: bool,
-    /// Half of the diagonal of its bounds, m.
+    /// Lower and upper bounds, m, and half of their diagonal.
+    bounds: [DVec3; 2],
     size: f64,
     /// Distance below which directions are rounding, m.
     min_directed: f64,
@@ -240,7 +241,8 @@ impl FeatureMesh {
         let exact = ExactDistance::new(mesh);
         let bound =
             |pick: fn(DVec3, DVec3) -> DVec3| vertices.iter().copied().reduce(pick).unwrap_or_default();
-        let size = 0.5 * bound(DVec3::max).distance(bound(DVec3::min));
+        let bounds = [bound(DVec3::min), bound(DVec3::max)];
+        let size = 0.5 * bounds[0].distance(bounds[1]);
         let reach = vertices.iter().map(|vertex| vertex.length()).fold(0.0, f64::max);
         let mut made = Self {
             vertices: mesh.vertices().to_vec(),
@@ -254,12 +256,18 @@ impl FeatureMesh {
             exact,
             tree: FeatureTree::default(),
             is_closed: true,
+            bounds,
             size,
             min_directed: MIN_DIRECTED * reach,
         };
         made.is_closed = made.sides.iter().all(|sides| sides[1] != NONE);
         made.tree = FeatureTree::new(&made);
         made
+    }
+
+    /// Lower and upper bounds, m.
+    pub fn bounds(&self) -> [DVec3; 2] {
+        self.bounds
     }
 
     /// Half of the diagonal of its bounds, m.

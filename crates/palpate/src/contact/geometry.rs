@@ -32,6 +32,10 @@ const LANES: usize = 8;
 /// Largest number of scene objects near the body. With more, a geometry takes longer to hand over.
 pub(crate) const MAX_OBJECTS: usize = 64;
 
+/// Largest number of objects whose bounds are held against where the body has come to. With more, steps take
+/// longer; with fewer, a body that leaves many objects fast waits for contacts.
+pub(crate) const MAX_FAR: usize = 8;
+
 /// Distance within which contacts with a scene object are wanted beyond that of the body's own motion, in
 /// lengths of the object's motion in this step.
 const OBJECT_REACH: f64 = 2.0;
@@ -85,6 +89,17 @@ pub(crate) struct NearObject {
     pub on_loan: Arc<()>,
 }
 
+/// A scene object that stands still, and that only its guarded points are near the body of.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FarObject {
+    /// Pose of its mesh's frame, and its lower and upper bounds there, m.
+    pub pose: Pose,
+    pub bounds: [DVec3; 2],
+    /// Largest motion of any point of the body from the query's pose with which it touches nothing else of
+    /// the object, m.
+    pub room: f64,
+}
+
 /// Motion of scene objects by the haptic loop: pose of the mesh's frame, and velocity of its origin.
 pub(crate) type PredictedMotion = ArrayVec<(SceneId, Pose, Twist), MAX_OBJECTS>;
 
@@ -101,6 +116,9 @@ pub(crate) struct ContactGeometry {
     pub points: Arc<Vec<GuardedPoint>>,
     /// The region in which the points are all that can be touched.
     pub bound: MotionBound,
+    /// Objects that bound it, and the room that the others leave beyond it, m.
+    pub far: ArrayVec<FarObject, MAX_FAR>,
+    pub beyond: f64,
     pub friction: Friction,
     /// Distance at which surfaces are held apart, m.
     pub margin: f64,
@@ -275,6 +293,17 @@ impl ContactGeometry {
         found.take_over(before, friction);
     }
 
+    /// The region around the body at a pose in which the points are all that can be touched: objects that it
+    /// has left behind no longer bound it by how near they were.
+    pub fn bound_at(&self, pose: &Pose) -> MotionBound {
+        let MotionBound { room, radius, .. } = self.bound;
+        let moved = self.bound.displacement(pose);
+        let apart = |far: &FarObject| far.distance(pose.translation) - radius - self.margin;
+        let far = self.far.iter().map(|far| (far.room - moved).max(apart(far)));
+        let left = far.fold(room + self.beyond - moved, f64::min);
+        if left > room - moved { MotionBound { from: *pose, room: left, ..self.bound } } else { self.bound }
+    }
+
     /// Whether no object that may come near moves.
     pub fn is_still(&self) -> bool {
         self.far_speed == 0.0 && self.objects.iter().all(|object| object.is_still())
@@ -282,14 +311,15 @@ impl ContactGeometry {
 
     /// Copies another geometry.
     pub fn assign(&mut self, found: &Self) {
-        let Self { probe, center_of_mass, objects, points, bound, friction, margin, far_speed, age } = self;
+        let Self { probe, center_of_mass, objects, points, bound, friction, margin, age, .. } = self;
         points.clone_from(&found.points);
         if !Arc::ptr_eq(probe, &found.probe) {
             probe.clone_from(&found.probe);
         }
         (*center_of_mass, *bound) = (found.center_of_mass, found.bound);
         (*friction, *margin, *age) = (found.friction, found.margin, found.age);
-        *far_speed = found.far_speed;
+        (self.far_speed, self.beyond) = (found.far_speed, found.beyond);
+        self.far.clone_from(&found.far);
         objects.truncate(found.objects.len());
         let known = objects.len();
         for (object, found) in objects.iter_mut().zip(&found.objects) {
@@ -352,6 +382,15 @@ impl ContactGeometry {
     pub fn moves(&self, id: SceneId) -> bool {
         let is_it = |object: &NearObject| object.pushable.is_some_and(|pushable| pushable.id == id);
         self.objects.iter().any(|object| object.pushed.is_some() && is_it(object))
+    }
+}
+
+impl FarObject {
+    /// Distance of a point from its bounds, m.
+    fn distance(&self, point: DVec3) -> f64 {
+        let [low, high] = self.bounds;
+        let at = self.pose.inverse().transform_point(point);
+        at.distance(at.clamp(low, high))
     }
 }
 
@@ -554,6 +593,35 @@ pub(super) mod tests {
     use crate::contact::guarded_point::SEARCHES;
     use crate::contact::test_meshes::ball;
 
+    /// A body that leaves a plate may go on, and may not come back to another place of it, nor go nearer to
+    /// other objects.
+    #[test]
+    fn what_a_body_leaves_behind_does_not_hold_it() {
+        let mut made = geometry_at([(DVec3::ZERO, 0.0); 3], 1);
+        let half = DVec3::new(0.2, 0.2, 0.01);
+        let plate = FarObject { pose: Pose::IDENTITY, bounds: [-half, half], room: 0.02 };
+        let from = Pose::from_translation(DVec3::Z * 0.05);
+        (made.margin, made.beyond) = (1e-6, 0.5);
+        made.bound = MotionBound { from, room: 0.02, step: f64::INFINITY, radius: 0.02 };
+        made.far.push(plate);
+        let left = |made: &ContactGeometry, at: DVec3| {
+            let pose = Pose::from_translation(at);
+            let bound = made.bound_at(&pose);
+            bound.room - bound.displacement(&pose)
+        };
+        let [up, aside, away] =
+            [DVec3::Z * 0.1, DVec3::new(0.1, 0.0, 0.05), DVec3::Z * 0.5].map(|at| left(&made, at));
+        assert!((up - (0.1 - 0.01 - 0.02 - 1e-6)).abs() < 1e-12, "{up} m");
+        assert!((aside - (0.05 - 0.01 - 0.02 - 1e-6)).abs() < 1e-12, "{aside} m");
+        assert!((away - (0.52 - 0.45)).abs() < 1e-12, "{away} m, for the other objects");
+        // From where it is, the surface is known better than by the bounds.
+        made.far[0].bounds[1].z = 0.04;
+        assert!((left(&made, DVec3::Z * 0.05) - 0.02).abs() < 1e-12);
+        made.far.clear();
+        made.beyond = 0.0;
+        assert!(left(&made, DVec3::Z * 0.1) < 0.0);
+    }
+
     #[test]
     fn slacks_that_are_passed_over_are_those_that_are_far() {
         let mut rng = StdRng::seed_from_u64(0x51AC);
@@ -612,6 +680,8 @@ pub(super) mod tests {
             bound: MotionBound::NONE,
             friction: Friction::NONE,
             margin: 0.0,
+            far: ArrayVec::new(),
+            beyond: 0.0,
             far_speed: 0.0,
             age: 0.0,
         }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use arrayvec::ArrayVec;
 use palpate_collide::ObjectHandle;
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
@@ -10,9 +11,10 @@ use palpate_field::FeatureMesh;
 
 use super::ContactLoop;
 use super::assemble::counterpart;
-use super::geometry::{ContactGeometry, MAX_OBJECT_MOTION, MAX_OBJECTS, NearObject};
+use super::geometry::{ContactGeometry, FarObject, MAX_FAR, MAX_OBJECT_MOTION, MAX_OBJECTS, NearObject};
 use super::guard::{Guard, Limits, Start};
 use super::guarded_point::{GuardedPoint, OVERLAP};
+use super::in_scene::InScene;
 use super::near_features::Reaches;
 use super::pairs::{Found, Pull};
 
@@ -110,6 +112,8 @@ impl ContactLoop {
             bound: MotionBound { from: body.pose, room: reach, step: f64::INFINITY, radius: self.radius },
             friction: self.parameters.friction,
             margin: (MARGIN * radius).min(0.05 * tolerance),
+            far: ArrayVec::new(),
+            beyond: 0.0,
             far_speed: 0.0,
             age: 0.0,
         };
@@ -122,7 +126,9 @@ impl ContactLoop {
         let limits = Limits { edge, near, room: reach };
         let (nearest, dropped) = guard.fill(&mut geometry, &mesh, &limits);
         // Points for which there is no room are further away than all others.
-        geometry.bound.room = room.max(0.0).min(nearest.max(MIN_ROOM * tolerance));
+        let room = room.max(0.0).min(nearest.max(MIN_ROOM * tolerance));
+        geometry.bound.room = geometry.far.iter().fold(room, |room, far| room.min(far.room)).max(0.0);
+        geometry.beyond = room - geometry.bound.room;
         geometry.far_speed = self.far_speed(&geometry);
         let overlap = -OVERLAP * geometry.margin;
         let is_deep = |point: &GuardedPoint| f64::from(point.slack) < overlap;
@@ -136,7 +142,8 @@ impl ContactLoop {
     }
 
     /// Starts points at the features of the body and of the objects near it. Returns how far the body may
-    /// move before it could touch something else, m; 0 if an object could not be searched.
+    /// move before it could touch something else than those or the far objects, m; 0 if an object could not
+    /// be searched.
     fn start(
         &mut self,
         guard: &mut Guard,
@@ -157,6 +164,8 @@ impl ContactLoop {
         handles.extend(self.scene.near());
         let ball = (self.center_of_mass, self.radius);
         let mut near = std::mem::take(&mut pairs.found);
+        let mut far = std::mem::take(&mut pairs.far);
+        far.clear();
         for &handle in &handles {
             let Some(object) = self.near_object(handle) else { continue };
             let to_probe = mesh.inverse() * object.pose;
@@ -172,7 +181,12 @@ impl ContactLoop {
                 };
                 guard.starts.push(Start::new(near, object.place, (at - ball.0, direction)));
             });
-            room = room.min(clear);
+            let stands = self.objects.get(object.place).and_then(Option::as_ref).is_some_and(InScene::stands);
+            if stands && clear < reaches.enough {
+                far.push(FarObject { pose: object.pose, bounds: scene.bounds(), room: clear });
+            } else {
+                room = room.min(clear);
+            }
             let own = &guard.starts[first..];
             if !own.is_empty() {
                 let least = own.iter().map(Start::least).fold(f64::INFINITY, f64::min);
@@ -188,10 +202,15 @@ impl ContactLoop {
             room = near.drain(MAX_OBJECTS..).map(|found| found.least.max(least)).fold(room, f64::min);
             near.sort_unstable_by_key(|found| found.starts.start);
         }
+        if far.len() > MAX_FAR {
+            far.select_nth_unstable_by(MAX_FAR, |a, b| a.room.total_cmp(&b.room));
+            room = far.drain(MAX_FAR..).map(|far| far.room).fold(room, f64::min);
+        }
+        geometry.far.extend(far.iter().copied());
         guard.keep(near.iter().map(|found| found.starts.clone()));
         guard.since = near.iter().map(|found| found.since).collect();
         geometry.objects.extend(near.drain(..).map(|found| found.object));
-        (pairs.handles, pairs.found) = (handles, near);
+        (pairs.handles, pairs.found, pairs.far) = (handles, near, far);
         pairs.end();
         self.pairs = pairs;
         room

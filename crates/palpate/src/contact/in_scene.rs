@@ -42,6 +42,11 @@ impl InScene {
         OnLoan { on_loan: Arc::clone(&self.on_loan), _surface: self.object.known_features() }
     }
 
+    /// Whether it neither moves nor can be moved.
+    pub fn stands(&self) -> bool {
+        self.moving.is_none()
+    }
+
     /// Whether it is in another hand, whose motion the haptic loop knows.
     pub fn is_in_hand(&self) -> bool {
         self.moving.as_ref().is_some_and(|moving| moving.0.is_in_hand())

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use palpate_collide::ObjectHandle;
 use palpate_field::FeatureMesh;
 
-use super::geometry::NearObject;
+use super::geometry::{FarObject, NearObject};
 use super::near_features::NearFeatures;
 
 /// Number of queries after which what is known of an object that was not near in them is forgotten.
@@ -43,6 +43,7 @@ pub(super) struct Pairs {
     /// Workspaces.
     pub handles: Vec<ObjectHandle>,
     pub found: Vec<Found>,
+    pub far: Vec<FarObject>,
 }
 
 #[derive(Debug)]

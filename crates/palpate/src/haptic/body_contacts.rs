@@ -130,7 +130,8 @@ impl BodyContacts {
         let (depth, contacts) = self.penalties;
         self.found.depth = depth.max(found.depth);
         self.found.contacts = contacts + found.contacts.len() as u32;
-        MotionBound { step: found.room, room: geometry.bound.room - ahead, ..geometry.bound }
+        let bound = geometry.bound_at(&state.pose);
+        MotionBound { step: found.room, room: bound.room - ahead, ..bound }
     }
 
     /// Holds the contacts of a step against where it has led. Returns whether they have changed, so that the

@@ -258,6 +258,8 @@ mod tests {
             bound: MotionBound { room: 1.0, ..MotionBound::NONE },
             friction: Friction::NONE,
             margin: 0.0,
+            far: ArrayVec::new(),
+            beyond: 0.0,
             far_speed: 0.0,
             age: 0.0,
         }
