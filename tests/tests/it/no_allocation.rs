@@ -55,7 +55,9 @@ fn do_not_allocate(response: Response, steps: u32) {
         },
         ..by_levels
     };
-    for settings in [by_levels, by_fields] {
+    // Constraints are found on the meshes, whichever search there is for penalties.
+    let searches = if response == Response::Penalty { &[by_levels, by_fields][..] } else { &[by_fields] };
+    for &settings in searches {
         let contacts = run(&probe, ball.clone(), 22_000, true, settings);
         assert!(contacts > 0, "the moving ball was never touched: {settings:?}");
     }

@@ -129,3 +129,23 @@ fn points_that_meet_are_one_before_cells_grow() {
         assert!((least - TIP).abs() < 1e-9, "the rim is at {least} m");
     }
 }
+
+/// An attempt to make points leaves the starts as they are: coarser cells are as few after it as before.
+#[test]
+fn an_attempt_does_not_change_the_next_one() {
+    let mesh = cone_and_foot();
+    let limits = Limits { edge: EDGE, near: NEAR, room: 1e-3 };
+    let (mut guard, geometry) = over_floors(&mesh);
+    let [fine, coarse] = [0, COARSE + 4].map(|coarseness| Cells::new(EDGE, coarseness));
+    let mut count = |cells: &Cells, is_made: bool| {
+        guard.choose(cells, usize::MAX);
+        if is_made {
+            guard.make(&geometry, &Pose::IDENTITY, &limits, cells);
+        }
+        guard.chosen.len()
+    };
+    let before = count(&coarse, false);
+    assert!(count(&fine, true) > 2 * before, "{before} coarse cells");
+    assert_eq!(count(&coarse, true), before);
+    assert_eq!(count(&coarse, false), before);
+}
