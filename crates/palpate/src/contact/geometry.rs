@@ -89,7 +89,7 @@ pub(crate) struct NearObject {
     pub on_loan: Arc<()>,
 }
 
-/// A scene object that stands still, and that only its guarded points are near the body of.
+/// A scene object that stands still and bounds the body's motion.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FarObject {
     /// Pose of its mesh's frame, and its lower and upper bounds there, m.
@@ -311,15 +311,16 @@ impl ContactGeometry {
 
     /// Copies another geometry.
     pub fn assign(&mut self, found: &Self) {
-        let Self { probe, center_of_mass, objects, points, bound, friction, margin, age, .. } = self;
+        let Self { probe, center_of_mass, objects, points, bound, far, beyond, .. } = self;
+        let Self { friction, margin, far_speed, age, .. } = self;
         points.clone_from(&found.points);
         if !Arc::ptr_eq(probe, &found.probe) {
             probe.clone_from(&found.probe);
         }
         (*center_of_mass, *bound) = (found.center_of_mass, found.bound);
         (*friction, *margin, *age) = (found.friction, found.margin, found.age);
-        (self.far_speed, self.beyond) = (found.far_speed, found.beyond);
-        self.far.clone_from(&found.far);
+        (*far_speed, *beyond) = (found.far_speed, found.beyond);
+        far.clone_from(&found.far);
         objects.truncate(found.objects.len());
         let known = objects.len();
         for (object, found) in objects.iter_mut().zip(&found.objects) {
