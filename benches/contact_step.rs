@@ -17,9 +17,9 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Parser;
-use palpate::device::{DeviceState, Emulation, Status};
+use palpate::device::{DeviceState, Emulation, Interpolation, Keyframe, MotionPath, PathPoint, Status};
 use palpate::telemetry::Times;
-use palpate::{HandlePlacement, HapticRenderer, Pose, Scene, Settings, Twist};
+use palpate::{HandlePlacement, HapticRenderer, Pose, Scene, Settings};
 use palpate_benches::scenarios::{self, Scenario};
 
 #[derive(Parser)]
@@ -29,7 +29,7 @@ struct Arguments {
     #[arg(long)]
     scenario: Vec<String>,
     /// Contact steps a second
-    #[arg(long, default_values_t = [1000, 500, 200, 80])]
+    #[arg(long, default_values_t = [1000, 500, 200, 80], value_parser = clap::value_parser!(u32).range(1..=1000))]
     rate: Vec<u32>,
     /// Speed of the hand, in that of the path
     #[arg(long, default_value_t = 1.0)]
@@ -92,27 +92,25 @@ struct Taken {
 /// Runs a session along a scenario's path, in lockstep: a contact step's answer arrives when the next one
 /// begins.
 fn session(scenario: &Scenario, rate: u32, arguments: &Arguments) -> Result<Taken, Box<dyn Error>> {
-    let path = &scenario.poses;
     let settings = Settings::default();
     let placement =
         HandlePlacement::new(&settings, &scenario.probe.object, &Emulation::default().specification);
-    let at = |step: f64| {
-        let step = (arguments.start as f64 + arguments.speed * step).clamp(0.0, (path.len() - 1) as f64);
-        let (index, share) = (step as usize, step.fract());
-        placement.device_pose(&between(&path[index], &path[(index + 1).min(path.len() - 1)], share))
-    };
-    let state = |step: f64| {
-        let (before, pose) = (at(step - 1.0), at(step));
-        let moved = (pose.translation - before.translation) / STEP;
-        let twist = Twist::new(moved, before.rotation_vector_to(&pose) / STEP);
-        DeviceState { time: STEP * step, pose, twist, buttons: 0, status: Status::OK }
+    let from = scenario.poses.iter().skip(arguments.start).enumerate();
+    let keyframes = from.map(|(step, pose)| Keyframe {
+        time: STEP * step as f64 / arguments.speed,
+        pose: placement.device_pose(pose),
+    });
+    let path = MotionPath::new(keyframes.collect(), Interpolation::Linear)?;
+    let state = |time: f64| {
+        let PathPoint { pose, twist, .. } = path.at(time);
+        DeviceState { time, pose, twist, buttons: 0, status: Status::OK }
     };
     let device = Emulation::default().open(state(0.0).pose)?;
     let scene = Scene::new().with(scenario.scene.object.clone(), Pose::IDENTITY);
     let renderer = HapticRenderer::new(scenario.probe.object.clone(), scene, Box::new(device), settings)?;
     let (mut haptic, mut contact, _) = renderer.into_loops();
     let every = (1.0 / (STEP * f64::from(rate))).round().max(1.0) as usize;
-    let steps = ((path.len() - 1).saturating_sub(arguments.start) as f64 / arguments.speed) as usize;
+    let steps = (path.duration() / STEP) as usize;
     let mut taken = Taken {
         contact: Times::new(),
         haptic: Times::new(),
@@ -125,7 +123,7 @@ fn session(scenario: &Scenario, rate: u32, arguments: &Arguments) -> Result<Take
     let mut is_touching = false;
     for step in 0..steps {
         // A step leads from the last one's state to that of the device's newest reading.
-        let state = state((step + 1) as f64);
+        let state = state(STEP * (step + 1) as f64);
         if step % every == 0 {
             if let Some(update) = found.take() {
                 haptic.update_contacts(&update);
@@ -158,11 +156,6 @@ fn session(scenario: &Scenario, rate: u32, arguments: &Arguments) -> Result<Take
     taken.points /= touching;
     taken.room /= touching;
     Ok(taken)
-}
-
-/// The pose at a share of the way between two.
-fn between(from: &Pose, to: &Pose, share: f64) -> Pose {
-    Pose::new(from.translation.lerp(to.translation, share), from.rotation.slerp(to.rotation, share))
 }
 
 impl Taken {
