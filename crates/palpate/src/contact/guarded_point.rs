@@ -24,6 +24,11 @@ const MAX_FIRST_MOVES: u32 = 256;
 const LONGER: f32 = 4.0;
 const SHORTER: f64 = 0.25;
 
+/// Difference of a rise from that of a parabola with the same slopes at both ends, in the difference between
+/// these, up to which a distance bends evenly. With more, points take longer to kinks; with less, to minima
+/// over faces and vertices.
+const EVEN: f64 = 0.05;
+
 /// Smallest gain in distance for which a point moves, as a fraction of the size of the body in the hand. With
 /// less, rounding moves it.
 const MIN_DESCENT: f64 = 1e-8;
@@ -483,8 +488,8 @@ impl GuardedPoint {
     }
 
     /// The share to try of a way (m) to a place that is no lower; `None` if nothing lower is expected there.
-    /// Along an edge the distance is above its tangents at both ends of the way, and lowest near where these
-    /// meet: exactly there if it has a kink, as over another edge.
+    /// Along an edge the distance is above its tangents at both ends of the way. With a kink, as over another
+    /// edge, it is lowest where these meet; where it bends evenly, as over a face, where its slope is 0.
     fn share(
         &self,
         to: &Place,
@@ -498,7 +503,11 @@ impl GuardedPoint {
             return None;
         }
         let [slope, beyond] = normals.map(|normal| normal.dot(way));
-        let share = (after.distance - before.distance - beyond) / (slope - beyond);
+        let risen = after.distance - before.distance;
+        let is_even = (risen - 0.5 * (slope + beyond)).abs() < EVEN * (beyond - slope);
+        // The end of the way is no lower, so that a parabola's lowest place is at most halfway.
+        let share =
+            if is_even { (slope / (slope - beyond)).min(0.5) } else { (risen - beyond) / (slope - beyond) };
         let share = if beyond > 0.0 && share > 0.0 && share < 1.0 { share } else { SHORTER };
         (-slope * share > min_descent).then_some(share as f32)
     }

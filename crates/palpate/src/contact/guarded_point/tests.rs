@@ -500,6 +500,27 @@ fn short_ways_do_not_end_beside_a_corner() {
     }
 }
 
+/// Past a corner, the distance along an edge bends evenly: a point that has gone too far comes back to its
+/// minimum, and not halfway there time and again.
+#[test]
+fn a_point_comes_to_rest_before_a_corner_in_few_moves() {
+    const AWAY: f64 = 0.01;
+    let (roof, cube) = (roof(), block(DVec3::splat(0.02)));
+    let down = DQuat::from_rotation_arc(DVec3::ONE.normalize(), DVec3::NEG_Z);
+    let corner = DVec3::new(0.011, 0.0, AWAY);
+    let object = Pose::new(corner - down * DVec3::splat(0.01), down);
+    let frames = Frames::new((&roof, &Pose::IDENTITY), (&cube, &object));
+    for start in [-0.04, 0.0, 0.0105, 0.012, 0.03] {
+        let mut point = new((DVec3::X * start, 0.2), true, &frames);
+        for stride in [1.0, 0.25, FeatureMesh::MIN_STRIDE as f32] {
+            (point.place, point.stride) = (roof.place_near(DVec3::X * start), stride);
+            let Descent { closest, is_settled, .. } = point.descend(&frames, 16, f64::INFINITY);
+            let away = closest.distance - AWAY;
+            assert!(is_settled && away.abs() < 1e-8, "from {start} m by {stride}: {away} m too far");
+        }
+    }
+}
+
 /// A rod of 60 mm with one of its edges below, which goes down along x and passes a place, m: at `along`
 /// from its middle. `down` is the sine of the angle, `around` an angle about the vertical; the rod is as wide
 /// as it is high, times `width`. Returns it, its pose, and that place in its own frame.
