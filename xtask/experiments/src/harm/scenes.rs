@@ -38,6 +38,10 @@ const USUAL_RADIUS: (f64, f64) = (0.01, 0.1);
 /// everything is far away.
 const MAX_DRAG: f64 = 0.05;
 const MAX_LAG: f64 = 5e-4;
+/// Lag up to which the probe is where it is in the empty scene, m: then the coupling asks for the same. What
+/// the device is asked for still differs where a session has let go of it: hands here do not yield, and may
+/// run with the force.
+const SAME: f64 = 1e-5;
 /// Smallest radius of a ball, m.
 const MIN_BALL: f64 = 6e-4;
 /// Distance, in radii of the probe, up to which a body may be touched in a step.
@@ -715,7 +719,9 @@ impl<'a> Judge<'a> {
         }
         if time - self.clear > SETTLING.0.max(SETTLING.1 * interval) + self.behind / COMING_BACK {
             let beyond = record.coupling.force.length() - free.coupling.force.length();
-            drag.take(beyond, MAX_DRAG, time);
+            if behind > SAME {
+                drag.take(beyond, MAX_DRAG, time);
+            }
             lag.take(behind, MAX_LAG, time);
         }
     }
@@ -818,8 +824,15 @@ mod tests {
         assert!(sideways[0] > 1.9 && sideways[1..] == [0.0; 3], "{sideways:?}");
         let inside = judged(&|record| record.object = lower);
         assert!(inside[1] > 1.0 && inside[0] == 0.0, "{inside:?}");
-        let drag = judged(&|record| record.coupling.force = 0.1 * up);
-        assert!(drag[2] > 1.9 && drag[3] == 0.0, "{drag:?}");
+        let drag = |lag: f64| {
+            judged(&|record| {
+                record.coupling.force = 0.1 * up;
+                record.object.translation += lag * up;
+            })
+        };
+        let (drag, same) = (drag(2e-5), drag(5e-6));
+        assert!(drag[2] > 1.9 && drag[3] < 0.1, "{drag:?}");
+        assert!(same[2] == 0.0, "{same:?}");
         let lag = judged(&|record| record.object.translation += 1e-3 * up);
         assert!(lag[3] > 1.9 && lag[..3] == [0.0; 3], "{lag:?}");
         let broken = judged(&|record| record.object.translation.x = f64::NAN);
