@@ -139,6 +139,9 @@ fn plain_scenes_feel_right() {
         0xf6e6_bd48_2033_e83c,
         0x3216_e1c6_cb21_f7d9,
         0xebb9_00ea_f943_a11b,
+        0xc123_9a82_f440_9653,
+        0xb5c2_895a_d531_5560,
+        0x6245_253b_3ca5_c44a,
     ];
     let seeds = small.into_iter().chain(large);
     let harm = harmful(&Scenes, seeds.map(Genome::new));

@@ -37,6 +37,10 @@ const CLEAR: f64 = 0.8;
 const LONGEST: f64 = 0.25;
 const SHORTEST: f64 = LONGEST / 64.0;
 
+/// Part at least of the way between a pose at which surfaces are clear and one at which they are not that
+/// the next pose is away from both. With less, it takes more poses where distances bend.
+const LEAST_PART: f64 = 0.1;
+
 /// Number of poses at most. With fewer, bodies are held that come near a surface without meeting it; with
 /// more, steps may take longer.
 const MAX_POSES: u32 = 32;
@@ -44,6 +48,11 @@ const MAX_POSES: u32 = 32;
 /// Share of a step within which contacts are met at once. With less, steps are taken more often; with more,
 /// bodies meet what others keep them from.
 const AT_ONCE: f64 = 0.1;
+
+/// Distance, in bounding radii of the body, within which what is met first keeps the body from what is met
+/// later than it by the shortest share. With more, steps are taken more often; with less, surfaces are pushed
+/// sideways beside where they meet.
+const BESIDE: f64 = 0.05;
 
 /// Distance up to which surfaces meet, in margins, and depth up to which they do where nothing nearer than
 /// that is clear. With more, contacts have normals of places that come no nearer.
@@ -56,6 +65,11 @@ const HELD_DEPTH: f64 = 128.0;
 
 /// Cosine of the angle from which the normal at a step's end is another one.
 const AHEAD_NORMAL: f64 = 0.98;
+
+/// Distance in margins, and of unit normals, up to which planes are one. With more, contacts with other faces
+/// are taken for those with one; with less, more of them are followed along a step.
+const LEVEL: f64 = 0.5;
+const LEVEL_NORMAL: f64 = 1e-4;
 
 /// What a point meets in a step.
 #[derive(Clone, Copy, Debug)]
@@ -122,12 +136,15 @@ impl ContactGeometry {
         let StepContacts { aside, contacts, taken, left, .. } = found;
         let motion = step.motion();
         let is_last = *taken + 1 >= MAX_TAKEN;
-        // There is room for those that come back, as they were among the others, unless ends have taken it.
-        let mut met = |contact: &UnilateralContact| {
-            // What the step stays on this side of is not met.
+        // What the step stays on this side of is not met.
+        let is_passed = |contact: &UnilateralContact| {
             let by = motion.velocity_at(contact.arm) - contact.velocity * step.dt;
-            let is_near = contact.normal.dot(by) > contact.gap;
-            is_near.then(|| self.met(contact, points, (step, moved), left)).flatten()
+            contact.normal.dot(by) > contact.gap
+        };
+        // There is room for those that come back, as they were among the others, unless ends have taken it.
+        let are_level = self.take_level(points, is_passed, aside, contacts);
+        let mut met = |contact: &UnilateralContact| {
+            is_passed(contact).then(|| self.met(contact, points, (step, moved), left)).flatten()
         };
         if is_last && aside.iter().any(|contact| met(contact).is_some()) {
             while let Some(contact) = aside.pop() {
@@ -135,21 +152,60 @@ impl ContactGeometry {
             }
             return true;
         }
-        let mut all = ArrayVec::<(usize, Met), MAX_UNILATERAL>::new();
+        let mut all = ArrayVec::<(usize, DVec3, Met), MAX_UNILATERAL>::new();
         for (index, contact) in aside.iter().enumerate() {
             if let Some(met) = met(contact)
-                && all.try_push((index, met)).is_err()
+                && all.try_push((index, contact.arm, met)).is_err()
             {
                 break;
             }
         }
-        // What is met first may keep the body from the others.
-        let first = all.iter().fold(1.0, |first: f64, (_, met)| first.min(met.share));
-        for (index, met) in all.iter().rev().filter(|(_, met)| met.share <= first + AT_ONCE) {
+        // What is met first may keep the body from the others, and does from those beside it.
+        let first = all.iter().fold(1.0, |first: f64, (_, _, met)| first.min(met.share));
+        let within = BESIDE * self.bound.radius;
+        let is_next = |(_, arm, met): &&(usize, DVec3, Met)| {
+            let is_before = |(_, at, other): &(usize, DVec3, Met)| {
+                other.share < met.share - SHORTEST && at.distance_squared(*arm) < within * within
+            };
+            met.share <= first + AT_ONCE && !all.iter().any(is_before)
+        };
+        for (index, _, met) in all.iter().rev().filter(is_next) {
             let contact = aside.swap_remove(*index);
             let _ = contacts.try_push(met.contact.unwrap_or(contact));
         }
-        !all.is_empty()
+        are_level || !all.is_empty()
+    }
+
+    /// Takes contacts back that are with the planes of faces which hold the body, if any of them is passed:
+    /// where it lies on a face, step after step would turn it on to the next of them. Returns whether there
+    /// is any.
+    fn take_level(
+        &self,
+        points: &Points,
+        is_passed: impl Fn(&UnilateralContact) -> bool,
+        aside: &mut ArrayVec<UnilateralContact, MAX_REACHED>,
+        contacts: &mut ArrayVec<UnilateralContact, MAX_REACHED>,
+    ) -> bool {
+        let is_level = |contact: &UnilateralContact, held: &[UnilateralContact]| {
+            held.iter().any(|held| self.is_level(points, held, contact))
+        };
+        if !aside.iter().any(|contact| is_passed(contact) && is_level(contact, contacts)) {
+            return false;
+        }
+        for index in (0..aside.len()).rev() {
+            if is_level(&aside[index], contacts) {
+                let _ = contacts.try_push(aside.swap_remove(index));
+            }
+        }
+        true
+    }
+
+    /// Whether two contacts are with the same plane of an object.
+    fn is_level(&self, points: &Points, a: &UnilateralContact, b: &UnilateralContact) -> bool {
+        let apart = a.normal.dot(a.arm - b.arm) + a.gap - b.gap;
+        apart.abs() < LEVEL * self.margin
+            && a.normal.distance_squared(b.normal) < LEVEL_NORMAL * LEVEL_NORMAL
+            && points.object_of(a.key) == points.object_of(b.key)
     }
 
     /// What a point meets in a step that passes its contact's plane; `None` if the surfaces always are clear
@@ -165,10 +221,22 @@ impl ContactGeometry {
         let (mut point, object) = self.point(points, contact.key)?;
         let all = moved + object.speed * step.dt;
         let (mut normal, mut distance) = (contact.normal, contact.gap + self.margin);
-        // The last pose at which they are clear, and the first at which they are not.
-        let (mut clear, mut blocked) = (None, None);
-        let (mut share, mut next, mut poses) = (0.0, LONGEST, MAX_POSES);
-        while share < 1.0 && next >= SHORTEST && poses > 0 && *left > 0 {
+        // The last pose at which they are clear, and the first at which they are not. Between these the
+        // distance is about linear.
+        let (mut clear, mut blocked) = (None, None::<(Measured, f64)>);
+        let (mut share, mut stride, mut poses) = (0.0, LONGEST, MAX_POSES);
+        while share < 1.0 && poses > 0 && *left > 0 {
+            let next = match &blocked {
+                None => stride,
+                Some((Measured { distance: there, .. }, at)) => {
+                    let part = (distance - 0.5 * CLEAR * self.margin) / (distance - there);
+                    let part = if part.is_finite() { part } else { 0.5 };
+                    (at - share) * part.clamp(LEAST_PART, 1.0 - LEAST_PART)
+                }
+            };
+            if next < SHORTEST {
+                break;
+            }
             poses -= 1;
             let at = (share + next).min(1.0);
             let (mut there, motion) = (point, (at - share) * all);
@@ -184,12 +252,17 @@ impl ContactGeometry {
             let is_turned = is_beyond(&still) || is_beyond(&measured);
             let overlaps = self.overlap(&measured);
             if is_turned || overlaps || still.distance < 0.0 {
-                (next, blocked) = (0.5 * next, (overlaps && !is_turned).then_some((measured, at)));
+                // Whether it has turned depends on the pose that it is seen from.
+                stride = 0.5 * next;
+                blocked = (overlaps && !is_turned).then_some((measured, at));
+                if blocked.is_some() && measured.distance >= 0.0 && measured.nearest >= 0.0 {
+                    break;
+                }
                 continue;
             }
             let is_finite = measured.distance.is_finite();
             there.slack = measured.distance.min(measured.nearest).max(least) as f32;
-            (point, share, next) = (there, at, (2.0 * next).min(LONGEST));
+            (point, share, stride) = (there, at, (2.0 * stride).min(LONGEST));
             // At an infinite distance it is another point that is nearer.
             if is_finite {
                 (normal, distance, clear) = (measured.normal, measured.distance, Some((measured, at)));
@@ -204,6 +277,9 @@ impl ContactGeometry {
         let near =
             blocked.filter(within(MET)).or(clear.filter(within(MET))).or(blocked.filter(within(MET_DEPTH)));
         let contact = near.map(|(measured, at)| self.contact_at(contact.key, object, step, at, &measured));
+        if let Some((Measured { distance: there, .. }, at)) = &blocked {
+            share += (at - share) * ((distance - CLEAR * self.margin) / (distance - there)).clamp(0.0, 1.0);
+        }
         // From beyond a plane the body has come around an edge.
         Some(Met { share, contact: contact.filter(|contact| contact.gap >= -self.margin) })
     }
@@ -328,12 +404,11 @@ impl ContactGeometry {
         contacts: &mut ArrayVec<UnilateralContact, MAX_REACHED>,
         &Ahead { contact, closer }: &Ahead,
     ) -> bool {
-        let object_of = |key: u16| points.guarded.get(usize::from(key)).map(|point| point.object);
         let is_same = |known: &UnilateralContact| {
             // A point may have gone from one end of its edge to the other.
             let share = if known.key == contact.key { NEAR_PLACE } else { SAME_PLACE };
             let within = share * self.bound.radius;
-            object_of(known.key) == object_of(contact.key)
+            points.object_of(known.key) == points.object_of(contact.key)
                 && known.normal.dot(contact.normal) > AHEAD_NORMAL
                 && known.arm.distance_squared(contact.arm) < within * within
         };
@@ -382,6 +457,13 @@ fn settled(
     }
     *left -= 1;
     point.measure_on(frames, least as f32, reach)
+}
+
+impl Points {
+    /// Index of the scene object of the point of a key.
+    fn object_of(&self, key: u16) -> Option<u8> {
+        self.guarded.get(usize::from(key)).map(|point| point.object)
+    }
 }
 
 impl NearObject {
