@@ -273,9 +273,14 @@ impl ContactGeometry {
         }
         let within =
             |most: f64| move |(measured, _): &(Measured, f64)| measured.distance.abs() <= most * self.margin;
-        // A point that stays at one surface meets another one first where it overlaps with that.
-        let near =
-            blocked.filter(within(MET)).or(clear.filter(within(MET))).or(blocked.filter(within(MET_DEPTH)));
+        // A point that stays at one surface meets another one first where it overlaps with that. Inside, the
+        // nearest way out may be through another face than that through which it came.
+        let is_outside = |(measured, _): &(Measured, f64)| measured.nearest >= 0.0;
+        let near = blocked
+            .filter(within(MET))
+            .filter(is_outside)
+            .or(clear.filter(within(MET)))
+            .or(blocked.filter(within(MET_DEPTH)));
         let contact = near.map(|(measured, at)| self.contact_at(contact.key, object, step, at, &measured));
         if let Some((Measured { distance: there, .. }, at)) = &blocked {
             share += (at - share) * ((distance - CLEAR * self.margin) / (distance - there)).clamp(0.0, 1.0);
