@@ -229,8 +229,9 @@ impl ContactGeometry {
             let next = match &blocked {
                 None => stride,
                 Some((Measured { distance: there, .. }, at)) => {
-                    let part = (distance - 0.5 * CLEAR * self.margin) / (distance - there);
-                    let part = if part.is_finite() { part } else { 0.5 };
+                    // Half of the distance at which they are clear.
+                    let left = (distance - 0.5 * CLEAR * self.margin).max(0.0);
+                    let part = if *there < distance { left / (distance - there) } else { 0.0 };
                     (at - share) * part.clamp(LEAST_PART, 1.0 - LEAST_PART)
                 }
             };
