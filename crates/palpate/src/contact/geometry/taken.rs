@@ -229,9 +229,9 @@ impl ContactGeometry {
             let next = match &blocked {
                 None => stride,
                 Some((Measured { distance: there, .. }, at)) => {
-                    // Half of the distance at which they are clear.
-                    let left = (distance - 0.5 * CLEAR * self.margin).max(0.0);
-                    let part = if *there < distance { left / (distance - there) } else { 0.0 };
+                    // To half of the distance at which they are clear.
+                    let way = (distance - 0.5 * CLEAR * self.margin).max(0.0);
+                    let part = if *there < distance { way / (distance - there) } else { 0.0 };
                     (at - share) * part.clamp(LEAST_PART, 1.0 - LEAST_PART)
                 }
             };
