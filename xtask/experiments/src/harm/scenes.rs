@@ -38,10 +38,6 @@ const USUAL_RADIUS: (f64, f64) = (0.01, 0.1);
 /// everything is far away.
 const MAX_DRAG: f64 = 0.05;
 const MAX_LAG: f64 = 5e-4;
-/// Lag up to which the probe is where it is in the empty scene, m: then the coupling asks for the same. What
-/// the device is asked for still differs where a session has let go of it: hands here do not yield, and may
-/// run with the force.
-const SAME: f64 = 1e-5;
 /// Smallest radius of a ball, m.
 const MIN_BALL: f64 = 6e-4;
 /// Distance, in radii of the probe, up to which a body may be touched in a step.
@@ -627,7 +623,11 @@ impl Plan {
         for step in 1..=steps {
             let time = step as f64 * PERIOD;
             let handle = placement.device_pose(&self.route.at(time));
-            judge.take(&session.advance(&handle), &empty.advance(&handle), time);
+            let engaging = |session: &Driven| session.haptic().telemetry().events.engaging;
+            let before = engaging(&empty);
+            let (record, free) = (session.advance(&handle), empty.advance(&handle));
+            let is_whole = engaging(&empty) == before;
+            judge.take(&record, (&free, is_whole), time);
         }
         Ok(judge.end(steps))
     }
@@ -679,7 +679,9 @@ impl<'a> Judge<'a> {
         }
     }
 
-    fn take(&mut self, record: &Record, free: &Record, time: f64) {
+    /// Takes a step's record and that in an empty scene, with whether all of its wrench was sent: hands here do
+    /// not yield, and where one ran with the force, the session let go and raises it again from zero.
+    fn take(&mut self, record: &Record, (free, is_whole): (&Record, bool), time: f64) {
         let is_finite = record.object.is_valid() && record.contact.is_finite() && record.coupling.is_finite();
         self.finite &= is_finite;
         if !is_finite {
@@ -719,7 +721,7 @@ impl<'a> Judge<'a> {
         }
         if time - self.clear > SETTLING.0.max(SETTLING.1 * interval) + self.behind / COMING_BACK {
             let beyond = record.coupling.force.length() - free.coupling.force.length();
-            if behind > SAME {
+            if is_whole {
                 drag.take(beyond, MAX_DRAG, time);
             }
             lag.take(behind, MAX_LAG, time);
@@ -798,7 +800,7 @@ mod tests {
         let (_, plan) = plans().find(|(_, plan)| plan.kind == Kind::Floor).expect("a floor");
         let placed: Vec<(&Solid, Pose)> =
             plan.placed.iter().map(|(solid, pose)| (&plan.solids[*solid], *pose)).collect();
-        let judged = |change: &dyn Fn(&mut Record)| {
+        let judged_beside = |is_whole: bool, change: &dyn Fn(&mut Record)| {
             let mut judge = Judge::new(&plan, &placed, DVec3::ZERO);
             let pose = plan.route.start();
             let free = Record {
@@ -814,9 +816,10 @@ mod tests {
             };
             let mut record = free;
             change(&mut record);
-            (1..500).for_each(|step| judge.take(&record, &free, f64::from(step) * PERIOD));
+            (1..500).for_each(|step| judge.take(&record, (&free, is_whole), f64::from(step) * PERIOD));
             judge.end(499).parts
         };
+        let judged = |change: &dyn Fn(&mut Record)| judged_beside(true, change);
         let up = plan.even[0].cross(plan.even[1]);
         let lower = plan.route.stops().nth(2).copied().unwrap_or_default();
         assert_eq!(judged(&|_| {}), [0.0; 4]);
@@ -824,15 +827,9 @@ mod tests {
         assert!(sideways[0] > 1.9 && sideways[1..] == [0.0; 3], "{sideways:?}");
         let inside = judged(&|record| record.object = lower);
         assert!(inside[1] > 1.0 && inside[0] == 0.0, "{inside:?}");
-        let drag = |lag: f64| {
-            judged(&|record| {
-                record.coupling.force = 0.1 * up;
-                record.object.translation += lag * up;
-            })
-        };
-        let (drag, same) = (drag(2e-5), drag(5e-6));
-        assert!(drag[2] > 1.9 && drag[3] < 0.1, "{drag:?}");
-        assert!(same[2] == 0.0, "{same:?}");
+        let drag = judged(&|record| record.coupling.force = 0.1 * up);
+        assert!(drag[2] > 1.9 && drag[3] == 0.0, "{drag:?}");
+        assert_eq!(judged_beside(false, &|record| record.coupling.force = 0.1 * up), [0.0; 4]);
         let lag = judged(&|record| record.object.translation += 1e-3 * up);
         assert!(lag[3] > 1.9 && lag[..3] == [0.0; 3], "{lag:?}");
         let broken = judged(&|record| record.object.translation.x = f64::NAN);

@@ -124,8 +124,9 @@ fn harmful(trial: &dyn Trial, genomes: impl Iterator<Item = Genome>) -> Vec<Stri
 /// with 0.24 N, in which a body lagged 30 mm behind in free air, was drawn back with 5 N by points that had
 /// not come to rest, and went 0.07 mm into a slot's floor past points at its walls; was pushed sideways with
 /// 0.02 N where it landed with 34 N at a tilt of a sixteenth of a degree, waited among 36 balls that it did
-/// not touch, and went 0.04 mm into an object at which all points had gone to the same place. To rerun one:
-/// `cargo xtask harm --scene SEED`, in hexadecimal digits.
+/// not touch, and went 0.04 mm into an object at which all points had gone to the same place; stopped in free
+/// air, with 0.5 N, since a far point had not come to rest; and landed with 0.1 and 0.4 N sideways. To rerun
+/// one: `cargo xtask harm --scene SEED`, in hexadecimal digits.
 #[test]
 fn plain_scenes_feel_right() {
     let small = [0x3, 0x4, 0x7, 0x8, 0xa, 0xb, 0x10, 0x12];
