@@ -679,8 +679,8 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Takes a step's record and that in an empty scene, with whether all of its wrench was sent: hands here do
-    /// not yield, and where one ran with the force, the session let go and raises it again from zero.
+    /// Takes a step's record and that in an empty scene, with whether all of its wrench was sent: hands here
+    /// do not yield, and where one ran with the force, the session let go and raises it again from zero.
     fn take(&mut self, record: &Record, (free, is_whole): (&Record, bool), time: f64) {
         let is_finite = record.object.is_valid() && record.contact.is_finite() && record.coupling.is_finite();
         self.finite &= is_finite;
