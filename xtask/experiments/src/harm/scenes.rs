@@ -22,7 +22,7 @@ use super::route::Route;
 use super::search::{Column, Trial};
 use super::session::{Ended, Outcome};
 use super::solids::{Solid, Tessellation, polygon, rectangle};
-use crate::stability::port::driven::{Driven, PERIOD};
+use crate::stability::port::driven::{Driven, PERIOD, rounded};
 
 /// Distance in bounding radii up to which surfaces touch: somewhat more than that at which they are held
 /// apart.
@@ -615,10 +615,11 @@ impl Plan {
         let placement = HandlePlacement::new(&settings, probe, &specification);
         let begun =
             |scene: &Scene| Driven::start((probe, scene), &specification, settings, self.rate, &start);
-        let ((mut session, _), (mut empty, _)) = (begun(&scene)?, begun(&Scene::new())?);
+        let ((mut session, at), (mut empty, _)) = (begun(&scene)?, begun(&Scene::new())?);
         let placed: Vec<(&Solid, Pose)> =
             self.placed.iter().map(|(solid, pose)| (&self.solids[*solid], *pose)).collect();
-        let mut judge = Judge::new(self, &placed, probe.clod.source.center_of_mass);
+        let read = placement.mesh_pose(&rounded(&at, &specification));
+        let mut judge = Judge::new((self, &read), &placed, probe.clod.source.center_of_mass);
         let steps = (self.route.last().0 / PERIOD).ceil() as u64;
         for step in 1..=steps {
             let time = step as f64 * PERIOD;
@@ -655,10 +656,11 @@ struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    fn new(plan: &'a Plan, placed: &[(&Solid, Pose)], center: DVec3) -> Self {
+    /// Starts with the probe where the device reads its handle.
+    fn new((plan, start): (&'a Plan, &Pose), placed: &[(&Solid, Pose)], center: DVec3) -> Self {
         let mut oracle = Oracle::new(&plan.probe, placed);
         let beside = Oracle::new(&plan.probe, &placed[plan.uniform..]);
-        oracle.place(&plan.route.start());
+        oracle.place(start);
         let fit = oracle.overlap();
         let (low, high) = USUAL_RADIUS;
         let scale = (plan.radius / low).min(1.0).max(plan.radius / high);
@@ -696,7 +698,9 @@ impl<'a> Judge<'a> {
             sideways.take(most, MAX_SIDEWAYS, time);
         }
         self.oracle.place(&record.object);
-        overlap.take(self.oracle.overlap() - self.fit, self.overlap, time);
+        let deep = self.oracle.overlap();
+        overlap.take(deep - self.fit, self.overlap, time);
+        self.fit = self.fit.min(deep);
         self.touched |= record.contact.force != DVec3::ZERO;
 
         // How far the body can have moved since the query that the contact model is of.
@@ -800,20 +804,20 @@ mod tests {
         let (_, plan) = plans().find(|(_, plan)| plan.kind == Kind::Floor).expect("a floor");
         let placed: Vec<(&Solid, Pose)> =
             plan.placed.iter().map(|(solid, pose)| (&plan.solids[*solid], *pose)).collect();
+        let pose = plan.route.start();
+        let free = Record {
+            time: 0.0,
+            device: pose,
+            handle: pose,
+            object: pose,
+            coupling: Wrench::ZERO,
+            contact: Wrench::ZERO,
+            depth: 0.0,
+            contacts: 0,
+            model_age: 0.0,
+        };
         let judged_beside = |is_whole: bool, change: &dyn Fn(&mut Record)| {
-            let mut judge = Judge::new(&plan, &placed, DVec3::ZERO);
-            let pose = plan.route.start();
-            let free = Record {
-                time: 0.0,
-                device: pose,
-                handle: pose,
-                object: pose,
-                coupling: Wrench::ZERO,
-                contact: Wrench::ZERO,
-                depth: 0.0,
-                contacts: 0,
-                model_age: 0.0,
-            };
+            let mut judge = Judge::new((&plan, &pose), &placed, DVec3::ZERO);
             let mut record = free;
             change(&mut record);
             (1..500).for_each(|step| judge.take(&record, (&free, is_whole), f64::from(step) * PERIOD));
@@ -827,6 +831,16 @@ mod tests {
         assert!(sideways[0] > 1.9 && sideways[1..] == [0.0; 3], "{sideways:?}");
         let inside = judged(&|record| record.object = lower);
         assert!(inside[1] > 1.0 && inside[0] == 0.0, "{inside:?}");
+        // What starts in an overlap may stay in it, but not come back to it.
+        let back = |through: &[Pose]| {
+            let mut judge = Judge::new((&plan, &lower), &placed, DVec3::ZERO);
+            for object in through {
+                judge.take(&Record { object: *object, ..free }, (&free, true), PERIOD);
+            }
+            judge.end(through.len() as u64).parts[1]
+        };
+        assert_eq!(back(&[lower, lower]), 0.0);
+        assert_eq!(back(&[lower, pose, lower]), inside[1]);
         let drag = judged(&|record| record.coupling.force = 0.1 * up);
         assert!(drag[2] > 1.9 && drag[3] == 0.0, "{drag:?}");
         assert_eq!(judged_beside(false, &|record| record.coupling.force = 0.1 * up), [0.0; 4]);

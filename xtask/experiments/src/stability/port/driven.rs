@@ -94,7 +94,7 @@ impl Led {
 }
 
 /// A pose rounded to encoder steps, by axis and by component of the rotation vector.
-fn rounded(pose: &Pose, specification: &Specification) -> Pose {
+pub fn rounded(pose: &Pose, specification: &Specification) -> Pose {
     let to = |vector: DVec3, step: f64| (vector / step).round() * step;
     let Specification { encoder_step, angular_encoder_step, .. } = *specification;
     let mut pose = *pose;
