@@ -136,6 +136,29 @@ pub struct Leash {
     pub length: f32,
 }
 
+impl Leash {
+    /// Whether it reaches wherever another one does.
+    pub fn covers(&self, other: &Self) -> bool {
+        self.home.distance(other.home) + f64::from(other.length) <= self.length.into()
+    }
+
+    /// The shortest that covers two.
+    #[must_use]
+    pub fn joined(&self, other: &Self) -> Self {
+        let (a, b) = (f64::from(self.length), f64::from(other.length));
+        let away = self.home.distance(other.home);
+        if away + b <= a {
+            return *self;
+        }
+        if away + a <= b {
+            return *other;
+        }
+        let length = 0.5 * (away + a + b);
+        let home = self.home.lerp(other.home, (length - a) / away);
+        Self { home, length: (length as f32).next_up() }
+    }
+}
+
 /// Whether a place leaves a vertex along a slope.
 #[inline(always)]
 fn is_down(slope: f64) -> bool {
@@ -491,13 +514,15 @@ impl FeatureMesh {
         }
     }
 
-    /// Distance of a point from those edges of a face that are sharper than `least`, m; infinite without any.
+    /// Distance of a point from those edges of a face, and of those around its corners, that are sharper than
+    /// `least`, m; infinite without any.
     pub fn to_sharp_edge(&self, face: u32, p: DVec3, least: f64) -> f64 {
-        let edges = self.faces[face as usize].edges;
-        let sharp = edges.into_iter().filter(|edge| self.sharpness(MeshFeature::Edge(*edge)) >= least);
+        let corners = self.edges_of(face).into_iter().flat_map(|edge| self.edges[edge as usize]);
+        let edges = corners.flat_map(|corner| self.edges_around.of(corner));
+        let sharp = edges.filter(|edge| self.sharpness(MeshFeature::Edge(**edge)) >= least);
         let apart = sharp.map(|edge| {
-            let [from, to] = self.ends(edge);
-            from.lerp(to, self.along(edge, p)).distance(p)
+            let [from, to] = self.ends(*edge);
+            from.lerp(to, self.along(*edge, p)).distance(p)
         });
         apart.fold(f64::INFINITY, f64::min)
     }

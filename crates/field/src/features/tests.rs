@@ -406,3 +406,49 @@ fn a_turned_mesh_descends_alike() {
         assert!((a - b).abs() < 2e-3 * mesh.bounding_sphere().radius, "round {round}: {a}, {b}");
     }
 }
+
+/// A leash that joins two reaches wherever either does, and is no longer than from end to end.
+#[test]
+fn joined_leashes_cover_both() {
+    let mut rng = StdRng::seed_from_u64(0x1EA5);
+    let mut inside = 0;
+    for _ in 0..2000 {
+        let [a, b] = [0, 1].map(|_| Leash { home: random(&mut rng), length: rng.random_range(0.0..2.0) });
+        let joined = a.joined(&b);
+        let away = a.home.distance(b.home);
+        let ends = f64::from(a.length) + f64::from(b.length) + away;
+        let most = f64::from(a.length.max(b.length)).max(0.5 * ends);
+        assert!(f64::from(joined.length) <= most + 1e-6, "{a:?}, {b:?}: {joined:?}");
+        for leash in [a, b] {
+            let towards = (leash.home - joined.home).normalize_or(DVec3::X);
+            let far = leash.home + towards * f64::from(leash.length);
+            let beyond = far.distance(joined.home) - f64::from(joined.length);
+            assert!(beyond < 1e-6, "{a:?}, {b:?}: {joined:?}, {beyond} m beyond");
+        }
+        let is_inside = a.covers(&b) || b.covers(&a);
+        assert_eq!(is_inside, joined.length == a.length.max(b.length), "{a:?}, {b:?}: {joined:?}");
+        inside += u32::from(is_inside);
+    }
+    assert!((200..1800).contains(&inside), "{inside} are inside another");
+}
+
+/// The distance from a box's edges is that by formula, also from a triangle that has a mere corner on one of
+/// them. The diagonals of its faces do not count.
+#[test]
+fn sharp_edges_are_found_around_corners() {
+    let half = 0.5 * DVec3::new(0.04, 0.02, 0.06);
+    let mesh = block(2.0 * half);
+    let features = FeatureMesh::new(&mesh);
+    let mut rng = StdRng::seed_from_u64(0x54A2);
+    for _ in 0..500 {
+        let p = random(&mut rng) * half;
+        let axis = rng.random_range(0..3);
+        let mut p = p;
+        p[axis] = half[axis] * p[axis].signum();
+        let face = features.face_near(p, 0);
+        let found = features.to_sharp_edge(face, p, 0.5);
+        let beside = [(axis + 1) % 3, (axis + 2) % 3].map(|other| half[other] - p[other].abs());
+        assert!((found - beside[0].min(beside[1])).abs() < 1e-12, "{p}: {found} m");
+        assert_eq!(features.to_sharp_edge(face, p, 1.1), f64::INFINITY);
+    }
+}

@@ -166,6 +166,8 @@ pub(crate) struct StepContacts {
     aside: ArrayVec<UnilateralContact, MAX_REACHED>,
     /// Number of times that the step was taken.
     taken: u32,
+    /// Number of these in which normals had turned.
+    turned: u32,
     /// Number of measurements of points that are left for taking it again.
     left: u32,
 }
@@ -477,7 +479,7 @@ impl StepContacts {
         self.depth = 0.0;
         self.near.clear();
         self.aside.clear();
-        (self.taken, self.left) = (0, MAX_MEASURED);
+        (self.taken, self.turned, self.left) = (0, 0, MAX_MEASURED);
     }
 
     /// Forgets which points the contacts are of; they are found again by their places.
@@ -587,6 +589,7 @@ impl StepContacts {
 #[cfg(test)]
 pub(super) mod tests {
     use palpate_core::TriMesh;
+    use palpate_field::Leash;
     use rand::rngs::StdRng;
     use rand::{RngExt as _, SeedableRng as _};
 
@@ -696,7 +699,9 @@ pub(super) mod tests {
         let points: Vec<GuardedPoint> = {
             let frames = made.frames(&Pose::IDENTITY);
             let point = |i: usize| {
-                let within = (frames[i % 3].own(true).place_near(DVec3::X), 0.1);
+                let place = frames[i % 3].own(true).place_near(DVec3::X);
+                let leash = Leash { home: frames[i % 3].own(true).position(&place), length: 0.1 };
+                let within = (place, leash);
                 GuardedPoint::new(within, 0, true, (i % 3) as u8, (&frames[i % 3], 0.0))
             };
             (0..count).map(point).collect()
@@ -759,7 +764,9 @@ pub(super) mod tests {
                 let turn = DQuat::from_rotation_arc(DVec3::Z, down);
                 let (around, aside) = (rng.random_range(-3.0..3.0), rng.random_range(0.0..0.3));
                 let at = turn * (DQuat::from_rotation_z(around) * DQuat::from_rotation_x(aside) * DVec3::Z);
-                let within = (surface.place_near(at * RADIUS), 0.02 * RADIUS);
+                let place = surface.place_near(at * RADIUS);
+                let leash = Leash { home: surface.position(&place), length: (0.02 * RADIUS) as f32 };
+                let within = (place, leash);
                 GuardedPoint::new(within, 0, is_probe, 0, (frames, 0.0))
             };
             (0..200).map(point).collect()

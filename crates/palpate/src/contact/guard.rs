@@ -14,7 +14,7 @@ use foldhash::fast::FixedState;
 use palpate_core::Pose;
 use palpate_core::glam::{DVec3, Vec3};
 use palpate_dynamics::MAX_UNILATERAL;
-use palpate_field::{FeatureMesh, Place};
+use palpate_field::{FeatureMesh, Leash, Place};
 
 use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, NearObject, in_turn};
 use super::guarded_point::{Frames, GuardedPoint, PlaceKey};
@@ -64,7 +64,7 @@ const STALE: f64 = 0.25;
 
 /// Length of a point's leash, in that of its cell, up to which it goes on from the last query. With more,
 /// points of finer cells leave them; with less, points are searched anew that do not have to be.
-const LONGER: f64 = 2.0;
+const LONGER: f32 = 2.0;
 
 /// Share of the room for points that finer cells have to fit in. With more, queries try finer cells in vain;
 /// with less, cells stay coarse.
@@ -94,7 +94,8 @@ pub(super) struct Start {
     object: (u8, u16),
     /// Number of the axis that the normal, or the edge, is nearest to; starts nearby are told apart by it.
     side: u8,
-    /// Largest distance of the point from the place, at least the edge of a cell, m.
+    /// Centre and length of its point's leash, in its own body's frame, m.
+    home: Vec3,
     leash: f32,
     /// Distance from the other surface, and by how much that may be off, m.
     distance: f32,
@@ -117,7 +118,7 @@ struct Chosen {
     key: u64,
     /// Those of [`Start`], for all starts in the cell, m.
     distance: f32,
-    leash: f32,
+    leash: Leash,
     least: f32,
     /// Largest distance of the tips in the cell, where they are far from the other surface, m.
     hidden: f32,
@@ -292,7 +293,10 @@ impl Start {
         let side = 2 * axis as u8 + u8::from(direction[axis] < 0.0);
         let NearFeature { place, is_probe, is_tip, hint, .. } = *near;
         let NearFeature { distance, apart, least, leash, .. } = *near;
-        let [distance, apart, least, leash] = [distance, apart, least, leash].map(|of| of as f32);
+        let [distance, apart, least] = [distance, apart, least].map(|of| of as f32);
+        let home = leash.home.as_vec3();
+        // By how much its centre is off.
+        let leash = leash.length + leash.home.distance(home.as_dvec3()) as f32;
         let object = (0, place_of_object as u16);
         Self {
             on: place,
@@ -300,6 +304,7 @@ impl Start {
             is_tip,
             object,
             side,
+            home,
             leash,
             distance,
             apart,
@@ -318,6 +323,10 @@ impl Start {
         };
         let kind = u64::from(self.is_probe) << 1 | is_edge;
         FEATURE | kind << 61 | u64::from(self.object.1) << 32 | u64::from(feature)
+    }
+
+    fn leash(&self) -> Leash {
+        Leash { home: self.home.as_dvec3(), length: self.leash }
     }
 
     /// A lower bound on the distance of the features that it stands for, m.
@@ -519,7 +528,8 @@ impl Guard {
             let key = start.cell(cells);
             let next = self.chosen.len() as u32;
             start.cell = *self.cells.entry(key).or_insert(next);
-            let Start { distance, leash, least, .. } = *start;
+            let Start { distance, least, .. } = *start;
+            let leash = start.leash();
             let made = Chosen { start: index as u32, key, distance, leash, least, hidden: 0.0 };
             match self.chosen.get_mut(start.cell as usize) {
                 Some(chosen) if distance < chosen.distance => *chosen = made,
@@ -536,10 +546,10 @@ impl Guard {
     /// descend to another.
     fn lengthen(&mut self, cells: &Cells) {
         for start in &self.starts {
-            let Start { at, leash, is_tip, distance, least, cell, .. } = *start;
+            let Start { at, is_tip, distance, least, cell, .. } = *start;
             let Some(chosen) = self.chosen.get_mut(cell as usize) else { continue };
             let away = self.starts[chosen.start as usize].at.distance(at);
-            chosen.leash = chosen.leash.max(away + leash);
+            chosen.leash = chosen.leash.joined(&start.leash());
             chosen.least = chosen.least.min(least);
             if is_tip && distance > cells.edge as f32 {
                 chosen.hidden = chosen.hidden.max(away);
@@ -561,23 +571,25 @@ impl Guard {
             let start = &starts[start as usize];
             let Start { on, is_probe, object: (object, _), .. } = *start;
             let Some(frames) = frames.get(usize::from(object)) else { continue };
-            let within = (on, cells.edge.max(leash.into()));
+            let leash = Leash { length: leash.length.max(cells.edge as f32), ..leash };
             let feature = start.feature();
             let since = since.get(usize::from(object)).copied().unwrap_or(f64::INFINITY);
             // It may have gone on to where a surface is no longer the nearest.
             let most = f64::from(start.distance + start.apart) + later;
             let is_near = |known: &KnownPoint| f64::from(known.point.slack) + 2.0 * known.gone < most;
             let before = known.last.get(feature).or_else(|| known.last.get(key));
-            let before = before.filter(|known| f64::from(known.point.leash()) <= LONGER * within.1);
-            let fresh = before.filter(|known| within.1 <= known.point.leash().into());
+            // In another place of the cell before, it had another leash.
+            let joined = |known: &KnownPoint| known.point.leash().joined(&leash);
+            let before = before.filter(|known| joined(known).length <= LONGER * leash.length);
+            let fresh = before.filter(|known| known.point.leash().covers(&leash));
             let fresh = fresh.map(|known| known.gone_on(object, since, least));
             let fresh = fresh.filter(|known| known.is_fresh(limits.near) && is_near(known));
             let resumed = || {
-                let point = before?.point.resumed((object, within.1), frames, least);
+                let point = before?.point.resumed((object, joined(before?)), frames, least);
                 Some(KnownPoint { point, gone: 0.0 }).filter(is_near)
             };
             let mut made = fresh.or_else(resumed).unwrap_or_else(|| {
-                let point = GuardedPoint::new(within, start.hint, is_probe, object, (frames, least));
+                let point = GuardedPoint::new((on, leash), start.hint, is_probe, object, (frames, least));
                 KnownPoint { point, gone: 0.0 }
             });
             made.point.hidden = hidden;

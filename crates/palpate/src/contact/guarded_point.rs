@@ -69,6 +69,8 @@ thread_local! {
 pub(crate) struct GuardedPoint {
     /// Place on its own body's surface.
     place: Place,
+    /// Where it started.
+    start: Place,
     /// Part of that surface that it stays in.
     leash: Leash,
     /// Face of the other body's surface that is nearest.
@@ -191,21 +193,20 @@ impl<'a> Frames<'a> {
 }
 
 impl GuardedPoint {
-    /// A point that starts at a place and stays within `length` (m) of there. `hint` is for a search of the
-    /// other surface. Nothing that it stands for is nearer to that than `least` (m).
+    /// A point that starts at a place and stays on a leash. `hint` is for a search of the other surface.
+    /// Nothing that it stands for is nearer to that than `least` (m).
     pub fn new(
-        (place, length): (Place, f64),
+        (place, leash): (Place, Leash),
         hint: u32,
         is_probe: bool,
         index: u8,
         (frames, least): (&Frames<'_>, f32),
     ) -> Self {
         let Sides { own, other, to_other, .. } = frames.sides(is_probe);
-        let home = own.position(&place);
-        let face = other.face_near(to_other.transform_point3(home), hint);
-        let leash = Leash { home, length: length as f32 };
+        let face = other.face_near(to_other.transform_point3(own.position(&place)), hint);
         let mut point = Self {
             place,
+            start: place,
             leash,
             face,
             object: index,
@@ -220,10 +221,8 @@ impl GuardedPoint {
         point
     }
 
-    /// The point of an earlier query at new poses, that may now be up to `length` (m) from where it started.
-    /// `index` is that of the scene object now.
-    pub fn resumed(&self, (index, length): (u8, f64), frames: &Frames<'_>, least: f32) -> Self {
-        let leash = Leash { length: self.leash.length.max(length as f32), ..self.leash };
+    /// The point of an earlier query at new poses, on another leash. `index` is that of the scene object now.
+    pub fn resumed(&self, (index, leash): (u8, Leash), frames: &Frames<'_>, least: f32) -> Self {
         // How far the bodies have moved is not known.
         let mut point = Self { object: index, leash, trust: 0.0, ..*self };
         point.settle(frames, least);
@@ -343,14 +342,14 @@ impl GuardedPoint {
             return (distance, false);
         }
         let Sides { own, other, to_other, .. } = frames.sides(self.is_probe);
-        let (place, home) = (own.position(&self.place), self.leash.home);
+        let (place, home) = (own.position(&self.place), own.position(&self.start));
         let nearer = other.nearer(to_other.transform_point3(place), distance);
         let clear = nearer.map_or(distance, |nearer| nearer.distance);
         let at_home = (home != place).then(|| other.nearer(to_other.transform_point3(home), clear)).flatten();
         let least = at_home.map_or(clear, |nearer| nearer.distance);
         self.clear = below(least + motion);
         if let Some(nearer) = at_home.filter(|nearer| nearer.distance < clear - frames.min_descent) {
-            (self.place, self.face, self.stride) = (own.place_near(home), nearer.face, 1.0);
+            (self.place, self.face, self.stride) = (self.start, nearer.face, 1.0);
             return (least, true);
         }
         let is_lower = |nearer: &ClosestPoint| nearer.distance < distance - frames.min_descent;
@@ -512,9 +511,8 @@ impl GuardedPoint {
         (-slope * share > min_descent).then_some(share as f32)
     }
 
-    /// Length of its leash, m.
-    pub fn leash(&self) -> f32 {
-        self.leash.length
+    pub fn leash(&self) -> &Leash {
+        &self.leash
     }
 
     /// Whether another point has descended to the same place.
@@ -524,8 +522,7 @@ impl GuardedPoint {
 
     /// Lets the point go wherever another one may.
     pub fn stand_for(&mut self, other: &Self) {
-        let away = self.leash.home.distance(other.leash.home) as f32;
-        self.leash.length = self.leash.length.max(away + other.leash.length);
+        self.leash = self.leash.joined(&other.leash);
         self.hidden = self.hidden.max(other.hidden);
     }
 

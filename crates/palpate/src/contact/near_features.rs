@@ -11,7 +11,7 @@ use std::ops::Range;
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::MotionBound;
-use palpate_field::{FeatureMesh, FeatureNode, FeatureTree, Place};
+use palpate_field::{FeatureMesh, FeatureNode, FeatureTree, Leash, Place};
 
 /// Radius of spheres that one start stands for, as fractions of the distance and of the smallest cells' edge.
 /// With more, minima of the distance are missed; with less, there are more starts.
@@ -63,8 +63,8 @@ pub(super) struct NearFeature {
     pub apart: f64,
     /// Lower bound on the distance of what it stands for, m.
     pub least: f64,
-    /// Distance within which its point may move from it, m.
-    pub leash: f64,
+    /// Where what it stands for is: its point may move as far.
+    pub leash: Leash,
     /// Hint for a search of the other surface from there.
     pub hint: u32,
 }
@@ -299,11 +299,11 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
             if self.is_out(least, node.radius) {
                 self.room = self.room.min(least);
             } else if node.children.is_empty() {
-                self.pass_vertex(node, &readings[index as usize], (least, extent));
+                self.pass_vertex(node, &readings[index as usize], (least, leash(node.center, extent)));
             } else if least <= self.reaches.reach && self.is_one(node, least) {
                 let nearest = self.nearest_below(nodes, index, readings);
-                let size = (least, node.radius);
-                self.pass_vertex(&nodes[nearest as usize], &readings[nearest as usize], size);
+                let stands_for = (least, leash(node.center, extent));
+                self.pass_vertex(&nodes[nearest as usize], &readings[nearest as usize], stands_for);
             } else {
                 let hint = readings[index as usize].hint;
                 self.stack.extend(with_hint(node, readings, hint));
@@ -311,7 +311,7 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
         }
     }
 
-    fn pass_vertex(&mut self, node: &FeatureNode, reading: &Reading, (least, leash): (f64, f64)) {
+    fn pass_vertex(&mut self, node: &FeatureNode, reading: &Reading, (least, leash): (f64, Leash)) {
         let (distance, apart) = self.known(reading);
         let place = Place::Vertex(node.feature);
         let near = NearFeature {
@@ -398,7 +398,8 @@ impl<F: FnMut(&NearFeature)> Search<'_, F> {
                 self.room = self.room.min(least);
             } else if 2.0 * half <= self.reaches.edge.max(least) {
                 let place = self.own.place_at(node.feature, share);
-                let (is_probe, is_tip, leash, hint) = (self.is_probe, false, half, readings[part].hint);
+                let (is_probe, is_tip, hint) = (self.is_probe, false, readings[part].hint);
+                let leash = leash(point, half);
                 let near =
                     NearFeature { place, is_probe, is_tip, point, distance, apart, least, leash, hint };
                 let normal = self.other.normal_of(hint);
@@ -429,7 +430,7 @@ impl FlatRun {
         let gap = |from: &NearFeature| from.point.distance(near.point);
         let last = self.waiting.or(self.passed);
         let goes_on = self.normal.dot(normal) > FLAT
-            && last.is_some_and(|last| gap(&last) <= 2.0 * (near.leash + last.leash));
+            && last.is_some_and(|last| gap(&last) <= 2.0 * f64::from(near.leash.length + last.leash.length));
         if goes_on && self.passed.is_some_and(|passed| gap(&passed) < step) {
             self.waiting = Some(near);
             return;
@@ -451,8 +452,13 @@ impl FlatRun {
     /// Passes on a part, whose point may move along the edge by a length (m).
     fn pass(&mut self, near: NearFeature, length: f64, to: &mut impl FnMut(&NearFeature)) {
         self.passed = Some(near);
-        to(&NearFeature { leash: near.leash.max(length), ..near });
+        let leash = leash(near.point, length + f64::from(near.leash.length));
+        to(&NearFeature { leash, ..near });
     }
+}
+
+fn leash(home: DVec3, length: f64) -> Leash {
+    Leash { home, length: (length as f32).next_up() }
 }
 
 /// The nodes below one. Those that were not read yet are read from a hint.

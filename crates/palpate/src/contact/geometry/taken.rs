@@ -5,7 +5,10 @@
 //! pass, as at the next tile of a floor (a ghost collision); around an edge it lets one in that comes towards
 //! another face. Where such a contact has pushed, the step is taken again without those at a distance. What
 //! it meets then, first of all, gets a contact where it is met, with the gap that is now along the normal
-//! there, and so does what overlaps at its end.
+//! there, and so does what overlaps at its end. A blow turns bodies in a single step, and with them normals:
+//! where surfaces come to touch, the normal is that at the step's end.
+
+use std::cmp::Reverse;
 
 use arrayvec::ArrayVec;
 use palpate_core::glam::DVec3;
@@ -65,6 +68,14 @@ const HELD_DEPTH: f64 = 128.0;
 
 /// Cosine of the angle from which the normal at a step's end is another one.
 const AHEAD_NORMAL: f64 = 0.98;
+
+/// Distance of unit normals from which one has turned in a step. With less, steps are taken more often; with
+/// more, blows that turn a body push it sideways by this share of them.
+const TURNED: f64 = 5e-4;
+
+/// Number of times that a step is taken again at most since normals have turned. With more, what it meets may
+/// be left to the last time.
+const MAX_TURNED: u32 = 3;
 
 /// Distance in margins, and of unit normals, up to which planes are one. With more, contacts with other faces
 /// are taken for those with one; with less, more of them are followed along a step.
@@ -136,32 +147,39 @@ impl ContactGeometry {
         let StepContacts { aside, contacts, taken, left, .. } = found;
         let motion = step.motion();
         let is_last = *taken + 1 >= MAX_TAKEN;
-        // What the step stays on this side of is not met.
-        let is_passed = |contact: &UnilateralContact| {
-            let by = motion.velocity_at(contact.arm) - contact.velocity * step.dt;
-            contact.normal.dot(by) > contact.gap
+        // Share of the step after which a contact's plane is passed. What the step stays on this side of is
+        // not met.
+        let passed_at = |contact: &UnilateralContact| {
+            let by = contact.normal.dot(motion.velocity_at(contact.arm) - contact.velocity * step.dt);
+            (by > contact.gap).then(|| contact.gap / by)
         };
         // There is room for those that come back, as they were among the others, unless ends have taken it.
-        let are_level = self.take_level(points, is_passed, aside, contacts);
-        let mut met = |contact: &UnilateralContact| {
-            is_passed(contact).then(|| self.met(contact, points, (step, moved), left)).flatten()
-        };
-        if is_last && aside.iter().any(|contact| met(contact).is_some()) {
+        let are_level = self.take_level(points, |contact| passed_at(contact).is_some(), aside, contacts);
+        let mut met = |contact: &UnilateralContact| self.met(contact, points, (step, moved), left);
+        // In the order in which planes are passed, up to those too late for what is met by then.
+        let mut order = ArrayVec::<(f64, usize), MAX_REACHED>::new();
+        order.extend(
+            aside.iter().enumerate().filter_map(|(index, contact)| Some((passed_at(contact)?, index))),
+        );
+        order.sort_unstable_by(|(a, _), (b, _)| a.total_cmp(b));
+        if is_last && order.iter().any(|(_, index)| met(&aside[*index]).is_some()) {
             while let Some(contact) = aside.pop() {
                 let _ = contacts.try_push(contact);
             }
             return true;
         }
         let mut all = ArrayVec::<(usize, DVec3, Met), MAX_UNILATERAL>::new();
-        for (index, contact) in aside.iter().enumerate() {
-            if let Some(met) = met(contact)
-                && all.try_push((index, contact.arm, met)).is_err()
-            {
+        let mut first: f64 = 1.0;
+        for (share, index) in order {
+            if all.is_full() || share > first + AT_ONCE {
                 break;
+            }
+            if let Some(met) = met(&aside[index]) {
+                first = first.min(met.share);
+                all.push((index, aside[index].arm, met));
             }
         }
         // What is met first may keep the body from the others, and does from those beside it.
-        let first = all.iter().fold(1.0, |first: f64, (_, _, met)| first.min(met.share));
         let within = BESIDE * self.bound.radius;
         let is_next = |(_, arm, met): &&(usize, DVec3, Met)| {
             let is_before = |(_, at, other): &(usize, DVec3, Met)| {
@@ -169,8 +187,11 @@ impl ContactGeometry {
             };
             met.share <= first + AT_ONCE && !all.iter().any(is_before)
         };
-        for (index, _, met) in all.iter().rev().filter(is_next) {
-            let contact = aside.swap_remove(*index);
+        let mut back: ArrayVec<_, MAX_UNILATERAL> = all.iter().filter(is_next).copied().collect();
+        // From the last, so that the others stay where they are.
+        back.sort_unstable_by_key(|(index, ..)| Reverse(*index));
+        for (index, _, met) in back {
+            let contact = aside.swap_remove(index);
             let _ = contacts.try_push(met.contact.unwrap_or(contact));
         }
         are_level || !all.is_empty()
@@ -287,7 +308,7 @@ impl ContactGeometry {
             share += (at - share) * ((distance - CLEAR * self.margin) / (distance - there)).clamp(0.0, 1.0);
         }
         // From beyond a plane the body has come around an edge.
-        Some(Met { share, contact: contact.filter(|contact| contact.gap >= -self.margin) })
+        Some(Met { share, contact: contact.filter(|contact| contact.gap >= -MET * self.margin) })
     }
 
     /// The contact that a measurement after a share of a step gives at its start: the gap is that along the
@@ -330,8 +351,9 @@ impl ContactGeometry {
     /// Adds contacts for what overlaps at the end of a step in which no point of the body moves by more than
     /// `moved` (m). Returns whether there is any.
     fn add_ahead(&self, points: &Points, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
-        let StepContacts { contacts, near, left, .. } = found;
-        let mut is_changed = false;
+        let StepContacts { contacts, near, left, turned, .. } = found;
+        let may_turn = *turned < MAX_TURNED;
+        let (mut is_changed, mut has_turned) = (false, false);
         let mut last: Option<(u8, Frames<'_>)> = None;
         for &key in near.iter() {
             if *left == 0 {
@@ -358,9 +380,14 @@ impl ContactGeometry {
             }
             if let Some(ahead) = self.overlap_ahead(points, (step, moved), (key, gap, &later), left) {
                 is_changed |= self.hold(points, contacts, &ahead);
+                continue;
+            }
+            if may_turn {
+                has_turned |= self.turn(contacts, (key, object), step, &later);
             }
         }
-        is_changed
+        *turned += u32::from(has_turned);
+        is_changed || has_turned
     }
 
     /// What overlaps at the end of a step at the point of a key, at a `gap` (m) at the start and as measured
@@ -401,6 +428,33 @@ impl ContactGeometry {
         // step leads out through that.
         let closer = sinks_in.then_some(if leads_out { contact } else { end });
         Some(Ahead { contact, closer })
+    }
+
+    /// Has the contact at a point hold along the normal there at a step's end, if surfaces that were at a
+    /// distance still touch by then. Returns whether that has changed it.
+    fn turn(
+        &self,
+        contacts: &mut ArrayVec<UnilateralContact, MAX_REACHED>,
+        (key, object): (u16, &NearObject),
+        step: &Taken,
+        later: &Measured,
+    ) -> bool {
+        let pushes = |contact: &&mut UnilateralContact| {
+            contact.key == key
+                && contact.gap > APART * self.margin
+                && contact.impulse.dot(contact.normal) > 0.0
+        };
+        let Some(known) = contacts.iter_mut().find(pushes) else { return false };
+        let by = later.normal.distance_squared(known.normal);
+        let end = self.contact_at(key, object, step, 1.0, later);
+        let is_turned = later.is_settled
+            && later.distance.abs() < MET * self.margin
+            && end.gap >= -MET * self.margin
+            && (TURNED * TURNED..2.0 - 2.0 * AHEAD_NORMAL).contains(&by);
+        if is_turned {
+            *known = UnilateralContact { impulse: known.impulse, friction: known.friction, ..end };
+        }
+        is_turned
     }
 
     /// Adds a contact, or has it hold closer if it is known. Returns whether that has changed anything.
@@ -543,6 +597,128 @@ mod tests {
             assert!(found.contacts.len() == 1 && made.revise(&points, &step, &mut found), "{found:?}");
             both(&found);
         }
+    }
+
+    /// A step that would meet three faces one after the other is taken again with the first, and with what is
+    /// met at about that time elsewhere; not with what comes later, nor with what the first is beside.
+    #[test]
+    fn what_is_met_first_comes_back_first() {
+        const GAP: f64 = 0.05;
+        // The probe's corner at x = 1 meets faces halfway, a little later, and much later.
+        let at = |share: f64| DVec3::new(1.0 + 2.0 * share * GAP, -0.25, -0.25);
+        let met = |second: f64, radius: f64| {
+            let mut made = geometry_at([(at(0.5), 0.0), (at(second), 0.0), (at(0.95), 0.0)], 30);
+            (made.margin, made.bound.radius) = (1e-4, 1.0);
+            let mut points = Points::default();
+            points.assign(&made);
+            let (mut found, state) =
+                (StepContacts::default(), BodyState::at_rest(Pose::from_translation(made.center_of_mass)));
+            let motion = StepMotion { moved: 0.0, reach: 4.0 * GAP, dt: 1e-3 };
+            made.contacts(&mut points, &state, &motion, &StepContacts::default(), &mut found);
+            let objects = |found: &StepContacts| {
+                let mut objects: Vec<_> =
+                    found.contacts.iter().filter_map(|it| points.object_of(it.key)).collect();
+                objects.sort_unstable();
+                objects
+            };
+            assert_eq!(objects(&found), [0, 1, 2], "{found:?}");
+            let poses = [made.center_of_mass, made.center_of_mass + 2.0 * GAP * DVec3::X];
+            let step = Taken { poses: poses.map(Pose::from_translation), dt: 1e-3 };
+            found.contacts.iter_mut().for_each(|contact| contact.impulse = contact.normal);
+            assert!(made.revise(&points, &step, &mut found) && found.contacts.is_empty(), "{found:?}");
+            made.bound.radius = radius;
+            assert!(made.take_back(&points, &step, 2.0 * GAP, &mut found));
+            objects(&found)
+        };
+        assert_eq!(met(0.5, 1.0), [0, 1], "at once");
+        assert_eq!(met(0.55, 1.0), [0], "a little later, beside it");
+        assert_eq!(met(0.55, 0.0), [0, 1], "a little later, elsewhere");
+        assert_eq!(met(0.7, 0.0), [0], "later");
+    }
+
+    /// A contact at a point of a geometry of three objects, to which keys belong in turn by tens.
+    fn contact(key: u16, arm: DVec3, normal: DVec3, gap: f64) -> UnilateralContact {
+        UnilateralContact {
+            arm,
+            normal,
+            gap,
+            velocity: DVec3::ZERO,
+            friction: 0.0,
+            impulse: normal,
+            pushed: None,
+            key,
+        }
+    }
+
+    /// What is on the plane of a face that holds the body comes back at once, if any of it is passed.
+    #[test]
+    fn contacts_with_one_face_come_back_together() {
+        let mut made = geometry_at([(DVec3::X, 0.0); 3], 30);
+        made.margin = 1e-6;
+        let mut points = Points::default();
+        points.assign(&made);
+        let (down, slope) = (DVec3::NEG_Z, DVec3::new(0.01, 0.0, -1.0).normalize());
+        let held = contact(0, DVec3::NEG_Z, down, 0.0);
+        let (on, off) = (DVec3::new(0.3, 0.0, -0.9999), DVec3::new(0.3, 0.0, -0.99));
+        // Two on the plane; one on another object's, one aslant and one on another plane.
+        let aside = [(1, on, down, 1e-4), (2, on, down, 1e-4), (10, on, down, 1e-4)];
+        let aside = [&aside[..], &[(3, on, slope, 1e-4), (4, off, down, 1e-4)]].concat();
+        let aside = aside.iter().map(|(key, arm, normal, gap)| contact(*key, *arm, *normal, *gap));
+        for (passed, wanted) in [(Some(1), vec![0, 1, 2]), (Some(10), vec![0]), (None, vec![0])] {
+            let mut left: ArrayVec<_, MAX_REACHED> = aside.clone().collect();
+            let mut contacts = ArrayVec::from_iter([held]);
+            let is_passed = |contact: &UnilateralContact| Some(contact.key) == passed;
+            assert_eq!(made.take_level(&points, is_passed, &mut left, &mut contacts), wanted.len() > 1);
+            let mut keys: Vec<u16> = contacts.iter().map(|contact| contact.key).collect();
+            keys.sort_unstable();
+            assert_eq!((keys, left.len()), (wanted.clone(), 6 - wanted.len()), "{passed:?} is passed");
+        }
+    }
+
+    /// What a blow turns is held along the normal that it has by then, where it comes to touch in the step:
+    /// not what touches from the start, nor along another facet's, nor around an edge.
+    #[test]
+    fn contacts_turn_with_what_they_hold() {
+        let mut made = geometry_at([(DVec3::X, 0.0); 3], 3);
+        made.margin = 1e-5;
+        let start = Pose::IDENTITY;
+        let (dt, turn) = (1e-3, 0.004);
+        let step = Taken { poses: [start, start.moved(&Twist::new(DVec3::ZERO, DVec3::Y), turn)], dt };
+        let (arm, down) = (DVec3::NEG_Z, DVec3::NEG_Z);
+        let turned = |angle: f64| DQuat::from_rotation_y(angle) * down;
+        let measured = |normal: DVec3, distance: f64| Measured {
+            point: step.poses[1].transform_point(arm),
+            normal,
+            distance,
+            nearest: distance,
+            is_settled: true,
+            held: 1.0,
+        };
+        let change = |gap: f64, later: Measured| {
+            let mut contacts = ArrayVec::from_iter([contact(0, arm, down, gap)]);
+            let is_changed = made.turn(&mut contacts, (0, &made.objects[0]), &step, &later);
+            assert_eq!(is_changed, contacts[0].normal == later.normal, "{contacts:?}");
+            is_changed.then_some(contacts[0])
+        };
+        let found = change(1e-4, measured(turned(turn), 0.0)).expect("it has turned");
+        // The same step ends where it did.
+        let by = step.motion().velocity_at(found.arm) - found.velocity * dt;
+        assert!((found.gap - found.normal.dot(by) + made.margin).abs() < 1e-12, "{found:?}");
+        assert_eq!(found.impulse, down);
+        for (case, gap, later) in [
+            ("touches at the start", 1e-8, measured(turned(turn), 0.0)),
+            ("is another facet", 1e-4, measured(turned(0.3), 0.0)),
+            ("has hardly turned", 1e-4, measured(turned(1e-4), 0.0)),
+            ("does not touch", 1e-4, measured(turned(turn), 1e-3)),
+            ("comes around an edge", 1e-4, measured(turned(-0.1), 0.0)),
+            ("has not settled", 1e-4, Measured { is_settled: false, ..measured(turned(turn), 0.0) }),
+        ] {
+            assert!(change(gap, later).is_none(), "what {case} is turned");
+        }
+        let mut still = ArrayVec::from_iter([contact(0, arm, down, 1e-4)]);
+        still[0].impulse = DVec3::ZERO;
+        let later = measured(turned(turn), 0.0);
+        assert!(!made.turn(&mut still, (0, &made.objects[0]), &step, &later), "it does not push");
     }
 
     /// Bodies that turn: a step's equations, of motion along tangents, bring what meets as far into each

@@ -71,8 +71,12 @@ fn over_floors(mesh: &TriMesh) -> (Guard, ContactGeometry) {
                 apart: 0.0,
                 least: point.z,
                 // As far as its tip; starts of different parts have different ones.
-                leash: 1.1 * point.with_z(0.0).length().min(point.with_z(0.0).distance(DVec3::X * 0.03))
-                    + 1e-6 * f64::from(vertex),
+                leash: Leash {
+                    home: point,
+                    length: (1.1
+                        * point.with_z(0.0).length().min(point.with_z(0.0).distance(DVec3::X * 0.03))
+                        + 1e-6 * f64::from(vertex)) as f32,
+                },
                 hint: 0,
             };
             let start = Start::new(&near, place, (point, DVec3::NEG_Z));

@@ -38,7 +38,10 @@ fn knife() -> FeatureMesh {
 
 /// A point that starts near `home` (m, in its own frame).
 fn new((home, length): (DVec3, f64), is_probe: bool, frames: &Frames<'_>) -> GuardedPoint {
-    GuardedPoint::new((frames.own(is_probe).place_near(home), length), 0, is_probe, 0, (frames, 0.0))
+    let own = frames.own(is_probe);
+    let place = own.place_near(home);
+    let leash = Leash { home: own.position(&place), length: length as f32 };
+    GuardedPoint::new((place, leash), 0, is_probe, 0, (frames, 0.0))
 }
 
 fn measure(
@@ -195,7 +198,7 @@ fn a_point_goes_back_to_where_it_started_before_that_is_met() {
     let home = DVec3::new(0.005, 0.005, -0.005);
     let other = home.with_x(-0.005);
     let mut point = new((other, 0.0101), true, &Frames::new((&cube, &Pose::IDENTITY), (&both, &start)));
-    (point.leash.home, point.clear) = (home, point.clear.min(1e-3));
+    (point.start, point.leash.home, point.clear) = (cube.place_near(home), home, point.clear.min(1e-3));
     let mut turns = 0;
     for step in 1..=95 {
         let angle = 1e-3 * f64::from(step);
@@ -426,6 +429,102 @@ fn a_slight_tilt_does_not_push_sideways() {
         tilted += u32::from(found.distance.is_finite() && across(found.normal) > 2e-4);
     }
     assert!(tilted == 0 && mere > 500, "{tilted} are tilted, {mere} mere directions");
+}
+
+/// A box that lies over the rim of a plate, along which it is tilted as slightly, is not pushed along that.
+#[test]
+fn a_rim_does_not_push_along_itself() {
+    let mut rng = StdRng::seed_from_u64(0x60A8);
+    let (plate, cube) = (block(DVec3::new(0.1, 0.1, 0.01)), block(DVec3::new(0.02, 0.012, 0.008)));
+    // The rim is at x = 0, along y.
+    let object = Pose::from_translation(DVec3::new(-0.05, 0.0, -0.005));
+    let (mut held, mut along, mut mere) = (0, 0.0_f64, 0);
+    for _ in 0..2000 {
+        let slope: f64 = rng.random_range(3e-4..1.9e-3);
+        let rotation = DQuat::from_rotation_x(if rng.random() { slope } else { -slope })
+            * DQuat::from_rotation_z(rng.random_range(-0.3..0.3));
+        let corner = DVec3::new(0.01, 0.006, 0.004);
+        let sides = [DVec3::new(1.0, 1.0, -1.0), DVec3::new(1.0, -1.0, -1.0)];
+        let height =
+            |side: DVec3| (rotation * (corner * side)).z.min((rotation * (corner * side.with_x(-1.0))).z);
+        let lowest = height(sides[0]).min(height(sides[1]));
+        let probe = Pose::new(DVec3::new(rng.random_range(-6e-3..6e-3), 0.0, 1e-6 - lowest), rotation);
+        let frames = Frames::new((&cube, &probe), (&plate, &object));
+        let near = DVec3::new(0.0, rng.random_range(-5e-3..5e-3), 0.0);
+        let home = object.inverse().transform_point(near);
+        let mut point = new((home, 10.0_f64.powf(rng.random_range(-5.0..-2.5))), false, &frames);
+        let found = point.measure_on(&frames, point.slack, f64::INFINITY);
+        let descent = point.descend(&frames, MAX_MOVES, f64::NEG_INFINITY);
+        mere += u32::from(point.measured(&frames, &descent).normal.y.abs() > 2e-4);
+        if found.distance.is_finite() {
+            held += 1;
+            along = along.max(found.normal.y.abs());
+        }
+    }
+    assert!(held > 500 && mere > 500 && along < 2e-4, "{held} are held, {along} along it, {mere} mere");
+}
+
+/// A box whose bottom bends up by a tenth lies on such a plate, a few nanometres deep: from the bend, the
+/// nearest way out is through the part that rises. The plate's normal holds it, as the bottom lies on that.
+#[test]
+fn a_bottom_that_bends_up_is_held_by_the_floor_it_lies_on() {
+    let mut rng = StdRng::seed_from_u64(0x60A6);
+    let plate = block(DVec3::new(0.1, 0.1, 0.01));
+    let object = Pose::from_translation(DVec3::NEG_Z * 0.005);
+    let (vertices, triangles) = tiled(DVec3::new(0.016, 0.016, 0.008), 8);
+    let bent = |v: &DVec3| *v + DVec3::Z * (0.004 + 0.1 * (v.y - 0.002).max(0.0));
+    let bottom =
+        FeatureMesh::new(&TriMesh::new(vertices.iter().map(bent).collect(), triangles).expect("a mesh"));
+    let (mut held, mut across) = (0, 0.0_f64);
+    for _ in 0..2000 {
+        let tilt = DQuat::from_rotation_x(rng.random_range(-1.5e-3..1.5e-3));
+        let bend = DVec3::new([-0.002, 0.0, 0.002][rng.random_range(0..3)], 0.002, 0.0);
+        let depth = rng.random_range(-1e-8..1e-8);
+        let rotation = DQuat::from_rotation_z(rng.random_range(-3.0..3.0)) * tilt;
+        let shift = (0.02 * random(&mut rng)).with_z(depth);
+        let probe = Pose::new(shift - rotation * bend, rotation);
+        let frames = Frames::new((&bottom, &probe), (&plate, &object));
+        let mut point = new((bend, 10.0_f64.powf(rng.random_range(-9.0..-6.0))), true, &frames);
+        let found = point.measure_on(&frames, point.slack, f64::INFINITY);
+        if found.distance.is_finite() {
+            held += 1;
+            across = across.max(found.normal.with_z(0.0).length());
+        }
+    }
+    assert!(held > 1000 && across < 2e-3, "{held} are held, {across} across");
+}
+
+/// A box that leaves a wall which its top lies against, turned by next to nothing: the wall's end is beside
+/// its sides by less than rounding. Along them nothing pushes.
+#[test]
+fn the_end_of_a_wall_does_not_hold_what_slides_along_it() {
+    let mut rng = StdRng::seed_from_u64(0x60A7);
+    let wall = block(DVec3::new(0.1, 0.1, 0.01));
+    let object = Pose::from_translation(DVec3::new(0.0, -0.05, 0.005));
+    // Its sides along x have many flat edges.
+    let (vertices, triangles) = tiled(DVec3::new(0.01, 0.02, 0.006), 9);
+    let turned = |v: &DVec3| DVec3::new(v.z, v.y, v.x);
+    let triangles = triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect();
+    let mesh = TriMesh::new(vertices.iter().map(turned).collect(), triangles).expect("a mesh");
+    let body = FeatureMesh::new(&mesh);
+    let mut touching = 0;
+    for _ in 0..4000 {
+        let turn = DQuat::from_scaled_axis(10.0_f64.powf(rng.random_range(-9.0..-7.0)) * random(&mut rng));
+        let along = rng.random_range(-8e-3..8e-3);
+        let gap = [0.0, 1e-10, -1e-10, 1e-9][rng.random_range(0..4)];
+        let probe = Pose::new(DVec3::new(0.0, along, -0.005 - gap), turn);
+        let frames = Frames::new((&body, &probe), (&wall, &object));
+        // Near the upper edge of a side, where the wall ends.
+        let side = if rng.random() { 0.003 } else { -0.003 };
+        let near = DVec3::new(side, -along, 0.005) + 1e-4 * random(&mut rng);
+        let mut point = new((near, 10.0_f64.powf(rng.random_range(-5.0..-2.5))), true, &frames);
+        let found = point.measure(&frames, point.slack, f64::INFINITY);
+        if found.distance < 1e-6 {
+            touching += 1;
+            assert!(found.normal.x.abs() < 2e-3, "{found:?}");
+        }
+    }
+    assert!(touching > 500, "{touching} touch");
 }
 
 /// A box whose corner or lower edge is beside a plate's edge, where the next tile goes on, by a part of the
@@ -679,7 +778,9 @@ fn a_descent_that_is_cut_short_claims_the_room_that_is_known() {
         let frames = Frames::new((&rod, &Pose::IDENTITY), (&ground, &pose));
         let lowest = 0.05 - 2e-3 - 0.002;
         for least in [0.0, 0.03] {
-            let point = GuardedPoint::new((Place::Vertex(6), 0.2), 0, true, 0, (&frames, least));
+            let place = Place::Vertex(6);
+            let leash = Leash { home: rod.position(&place), length: 0.2 };
+            let point = GuardedPoint::new((place, leash), 0, true, 0, (&frames, least));
             let (slack, least) = (f64::from(point.slack), f64::from(least));
             assert!(slack < lowest + 1e-6, "{rings} rings: {slack} m of {lowest} m claimed");
             assert_eq!(slack > lowest - 1e-4, is_found, "{rings} rings: {slack} m of {lowest} m claimed");

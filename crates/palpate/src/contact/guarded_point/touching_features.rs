@@ -136,10 +136,13 @@ impl GuardedPoint {
             // Over a face, the surface that goes on beyond the other one has the normal; at other features,
             // one that is flat; of edges that may lie along each other, that of the scene, since the probe
             // moves.
-            let pair = if is_over { facing(f64::MAX) } else { self.level_pair(&sides, &descent) };
+            // Where both overlap, the nearest way out may be through another face beside.
+            let is_level = |pair: &Pair| pair.normal.dot(outward(&descent)) >= 1.0 - LEVEL;
+            let pair =
+                if is_over { facing(f64::MAX).filter(is_level) } else { self.level_pair(&sides, &descent) };
             return match pair {
                 Some(pair) => self.at_pair(frames, &descent, &pair),
-                None if is_over || self.is_probe || rise <= TILT => self.measured(frames, &descent),
+                None if !is_over && (self.is_probe || rise <= TILT) => self.measured(frames, &descent),
                 None => self.across(frames, &sides, &descent, true),
             };
         }
@@ -316,6 +319,10 @@ impl GuardedPoint {
                 let direction = to - from;
                 let end = own.walk(if normal.dot(direction) > 0.0 { from } else { to }, face);
                 let is_beyond = end.normal.dot(normal) < 1.0 - LEVEL;
+                // One that comes along the normal is held by what is beside this surface.
+                if is_beyond && direction.dot(normal).abs() > ALONG_EDGE * direction.length() {
+                    return None;
+                }
                 let both = || across(direction, normal.cross(end.normal), normal);
                 is_beyond.then(both).flatten().unwrap_or(normal)
             }

@@ -72,7 +72,7 @@ fn all_that_is_nearer_than_the_bound_is_passed_on() {
                 continue;
             }
             (pose, gap) = (to, least);
-            let edge = 0.02 * radius;
+            let edge = [0.02, 0.1][step / 200 % 2] * radius;
             let reach = [2e-3, 1e-2][step / 100 % 2];
             let reaches = Reaches { reach, enough: 0.03, edge, long: 2.0 * edge };
             let mut found = Vec::new();
@@ -86,7 +86,7 @@ fn all_that_is_nearer_than_the_bound_is_passed_on() {
                 is_near
                     && !found.iter().any(|start| {
                         start.is_probe
-                            && start.point.distance(place) <= start.leash + 1e-9
+                            && start.leash.home.distance(place) <= f64::from(start.leash.length) + 1e-9
                             && start.least <= there + 1e-9
                     })
             };
