@@ -690,10 +690,13 @@ impl FeatureMesh {
         let rise = normal.dot(along);
         if rise * rise > MIN_SLOPE * MIN_SLOPE * along.length_squared() {
             let way = self.leashed(edge, if rise > 0.0 { 0.0 } else { 1.0 }, leash) - at;
+            let step = way * stride;
+            if step.abs() > MIN_STEP {
+                return Some(self.on_edge(edge, at + step));
+            }
             // Near the end the first stride may be shorter than a step, and the end is lower all the same.
-            let is_first = stride >= Self::MIN_STRIDE && way.abs() > MIN_STEP;
-            if is_first || (way * stride).abs() > MIN_STEP {
-                return Some(self.on_edge(edge, at + way * stride));
+            if stride >= Self::MIN_STRIDE && way.abs() > MIN_STEP {
+                return Some(self.on_edge(edge, at + way));
             }
         }
         self.across_a_face(edge, at, normal, leash)
