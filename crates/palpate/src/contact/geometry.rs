@@ -34,7 +34,7 @@ pub(crate) const MAX_OBJECTS: usize = 64;
 
 /// Largest number of objects whose bounds are held against where the body has come to. With more, steps take
 /// longer; with fewer, a body that leaves many objects fast waits for contacts.
-pub(crate) const MAX_FAR: usize = 8;
+pub(crate) const MAX_FAR: usize = 64;
 
 /// Distance within which contacts with a scene object are wanted beyond that of the body's own motion, in
 /// lengths of the object's motion in this step.

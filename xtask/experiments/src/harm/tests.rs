@@ -143,6 +143,16 @@ fn plain_scenes_feel_right() {
         0xc123_9a82_f440_9653,
         0xb5c2_895a_d531_5560,
         0x6245_253b_3ca5_c44a,
+        // Pushed sideways where a blow turned the body, where it left a slot of exactly its width (0.6 N), and
+        // by a facet beside that on which it lay.
+        0x478e_bffa_49d4_d4e7,
+        0x5629_d0ba_4d0b_afe3,
+        0x4755_fa26_4b54_d00e,
+        // Overlaps at a vertex that no point could reach, and where points ended a hair before a tip.
+        0x7dc2_b9ed_63d0_a8d6,
+        0x45ee_8d51_20dc_08d5,
+        // Held in free air, with 7.6 N, by objects that it had left behind.
+        0xb13e_ad95_fd7e_f716,
     ];
     let seeds = small.into_iter().chain(large);
     let harm = harmful(&Scenes, seeds.map(Genome::new));
