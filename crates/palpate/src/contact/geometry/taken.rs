@@ -138,7 +138,8 @@ impl ContactGeometry {
         if self.take_back(points, step, moved, found) {
             return true;
         }
-        moved > MIN_AHEAD * self.margin && self.add_ahead(points, step, moved, found)
+        moved > MIN_AHEAD * self.margin
+            && (self.turn(points, step, moved, found) || self.add_ahead(points, step, moved, found))
     }
 
     /// Takes contacts back whose surfaces are not clear of each other in a step in which no point of the body
@@ -348,12 +349,56 @@ impl ContactGeometry {
         }
     }
 
+    /// Has contacts that push hold along the normals at the end of a step in which no point of the body moves
+    /// by more than `moved` (m), where surfaces have come to touch. Returns whether any has turned.
+    fn turn(&self, points: &Points, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
+        let StepContacts { contacts, left, turned, .. } = found;
+        if *turned >= MAX_TURNED {
+            return false;
+        }
+        let mut has_turned = false;
+        let come =
+            |it: &&mut UnilateralContact| it.gap > APART * self.margin && it.impulse.dot(it.normal) > 0.0;
+        for known in contacts.iter_mut().filter(come) {
+            if *left == 0 {
+                break;
+            }
+            let Some((mut point, object)) = self.point(points, known.key) else { continue };
+            let least = f64::from(point.slack) - moved - object.speed * step.dt;
+            let frames = self.frames_at(object, step, 1.0);
+            let later = settled(&mut point, &frames, least, MET * self.margin, left);
+            if let Some(turned) = self.turned(known, object, step, &later) {
+                (*known, has_turned) = (turned, true);
+            }
+        }
+        *turned += u32::from(has_turned);
+        has_turned
+    }
+
+    /// A contact with the normal at a step's end, as measured `later`, if surfaces touch there, and do not
+    /// overlap, along one that has turned.
+    fn turned(
+        &self,
+        known: &UnilateralContact,
+        object: &NearObject,
+        step: &Taken,
+        later: &Measured,
+    ) -> Option<UnilateralContact> {
+        let by = later.normal.distance_squared(known.normal);
+        let end = self.contact_at(known.key, object, step, 1.0, later);
+        let is_turned = later.is_settled
+            && later.distance.abs() < MET * self.margin
+            && !self.overlap(later)
+            && end.gap >= -MET * self.margin
+            && (TURNED * TURNED..2.0 - 2.0 * AHEAD_NORMAL).contains(&by);
+        is_turned.then_some(UnilateralContact { impulse: known.impulse, friction: known.friction, ..end })
+    }
+
     /// Adds contacts for what overlaps at the end of a step in which no point of the body moves by more than
     /// `moved` (m). Returns whether there is any.
     fn add_ahead(&self, points: &Points, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
-        let StepContacts { contacts, near, left, turned, .. } = found;
-        let may_turn = *turned < MAX_TURNED;
-        let (mut is_changed, mut has_turned) = (false, false);
+        let StepContacts { contacts, near, left, .. } = found;
+        let mut is_changed = false;
         let mut last: Option<(u8, Frames<'_>)> = None;
         for &key in near.iter() {
             if *left == 0 {
@@ -380,14 +425,9 @@ impl ContactGeometry {
             }
             if let Some(ahead) = self.overlap_ahead(points, (step, moved), (key, gap, &later), left) {
                 is_changed |= self.hold(points, contacts, &ahead);
-                continue;
-            }
-            if may_turn {
-                has_turned |= self.turn(contacts, (key, object), step, &later);
             }
         }
-        *turned += u32::from(has_turned);
-        is_changed || has_turned
+        is_changed
     }
 
     /// What overlaps at the end of a step at the point of a key, at a `gap` (m) at the start and as measured
@@ -428,33 +468,6 @@ impl ContactGeometry {
         // step leads out through that.
         let closer = sinks_in.then_some(if leads_out { contact } else { end });
         Some(Ahead { contact, closer })
-    }
-
-    /// Has the contact at a point hold along the normal there at a step's end, if surfaces that were at a
-    /// distance still touch by then. Returns whether that has changed it.
-    fn turn(
-        &self,
-        contacts: &mut ArrayVec<UnilateralContact, MAX_REACHED>,
-        (key, object): (u16, &NearObject),
-        step: &Taken,
-        later: &Measured,
-    ) -> bool {
-        let pushes = |contact: &&mut UnilateralContact| {
-            contact.key == key
-                && contact.gap > APART * self.margin
-                && contact.impulse.dot(contact.normal) > 0.0
-        };
-        let Some(known) = contacts.iter_mut().find(pushes) else { return false };
-        let by = later.normal.distance_squared(known.normal);
-        let end = self.contact_at(key, object, step, 1.0, later);
-        let is_turned = later.is_settled
-            && later.distance.abs() < MET * self.margin
-            && end.gap >= -MET * self.margin
-            && (TURNED * TURNED..2.0 - 2.0 * AHEAD_NORMAL).contains(&by);
-        if is_turned {
-            *known = UnilateralContact { impulse: known.impulse, friction: known.friction, ..end };
-        }
-        is_turned
     }
 
     /// Adds a contact, or has it hold closer if it is known. Returns whether that has changed anything.
@@ -675,8 +688,8 @@ mod tests {
         }
     }
 
-    /// What a blow turns is held along the normal that it has by then, where it comes to touch in the step:
-    /// not what touches from the start, nor along another facet's, nor around an edge.
+    /// What a blow turns is held along the normal that it has by then: not along another facet's, nor around
+    /// an edge.
     #[test]
     fn contacts_turn_with_what_they_hold() {
         let mut made = geometry_at([(DVec3::X, 0.0); 3], 3);
@@ -694,31 +707,25 @@ mod tests {
             is_settled: true,
             held: 1.0,
         };
-        let change = |gap: f64, later: Measured| {
-            let mut contacts = ArrayVec::from_iter([contact(0, arm, down, gap)]);
-            let is_changed = made.turn(&mut contacts, (0, &made.objects[0]), &step, &later);
-            assert_eq!(is_changed, contacts[0].normal == later.normal, "{contacts:?}");
-            is_changed.then_some(contacts[0])
-        };
-        let found = change(1e-4, measured(turned(turn), 0.0)).expect("it has turned");
+        let known = contact(0, arm, down, 1e-4);
+        let change = |later: Measured| made.turned(&known, &made.objects[0], &step, &later);
+        let touches = made.margin;
+        let found = change(measured(turned(turn), touches)).expect("it has turned");
         // The same step ends where it did.
         let by = step.motion().velocity_at(found.arm) - found.velocity * dt;
-        assert!((found.gap - found.normal.dot(by) + made.margin).abs() < 1e-12, "{found:?}");
-        assert_eq!(found.impulse, down);
-        for (case, gap, later) in [
-            ("touches at the start", 1e-8, measured(turned(turn), 0.0)),
-            ("is another facet", 1e-4, measured(turned(0.3), 0.0)),
-            ("has hardly turned", 1e-4, measured(turned(1e-4), 0.0)),
-            ("does not touch", 1e-4, measured(turned(turn), 1e-3)),
-            ("comes around an edge", 1e-4, measured(turned(-0.1), 0.0)),
-            ("has not settled", 1e-4, Measured { is_settled: false, ..measured(turned(turn), 0.0) }),
+        assert!((found.gap - found.normal.dot(by)).abs() < 1e-12, "{found:?}");
+        assert_eq!((found.normal, found.impulse), (turned(turn), down));
+        let unsettled = Measured { is_settled: false, ..measured(turned(turn), touches) };
+        for (case, later) in [
+            ("is another facet", measured(turned(0.3), touches)),
+            ("has hardly turned", measured(turned(1e-4), touches)),
+            ("does not touch", measured(turned(turn), 1e-3)),
+            ("overlaps", measured(turned(turn), 0.0)),
+            ("comes around an edge", measured(turned(-0.1), touches)),
+            ("has not settled", unsettled),
         ] {
-            assert!(change(gap, later).is_none(), "what {case} is turned");
+            assert!(change(later).is_none(), "what {case} is turned");
         }
-        let mut still = ArrayVec::from_iter([contact(0, arm, down, 1e-4)]);
-        still[0].impulse = DVec3::ZERO;
-        let later = measured(turned(turn), 0.0);
-        assert!(!made.turn(&mut still, (0, &made.objects[0]), &step, &later), "it does not push");
     }
 
     /// Bodies that turn: a step's equations, of motion along tangents, bring what meets as far into each
