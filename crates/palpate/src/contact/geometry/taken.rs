@@ -18,9 +18,9 @@ use palpate_dynamics::{MAX_UNILATERAL, MotionBound, UnilateralContact};
 use super::{ContactGeometry, Frames, MAX_REACHED, NEAR_PLACE, NearObject, Points, SAME_PLACE, StepContacts};
 use crate::contact::guarded_point::{GuardedPoint, Measured};
 
-/// Number of times that a step is taken at most: the last time, with all contacts at a distance if it met one
-/// of them. With fewer, bodies that meet many surfaces at once are held at edges; with more, steps may take
-/// longer.
+/// Number of times that a step is taken at most, but for normals that turn: the last time, with all contacts
+/// at a distance if it met one of them. With fewer, bodies that meet many surfaces at once are held at edges;
+/// with more, steps may take longer.
 const MAX_TAKEN: u32 = 8;
 
 /// Gap from which a contact is one at a distance, in margins between surfaces. With more, bodies that pass
@@ -73,8 +73,8 @@ const AHEAD_NORMAL: f64 = 0.98;
 /// more, blows that turn a body push it sideways by this share of them.
 const TURNED: f64 = 5e-4;
 
-/// Number of times that a step is taken again at most since normals have turned. With more, what it meets may
-/// be left to the last time.
+/// Number of times that a step is taken again at most since normals have turned. With fewer, they may not
+/// have come to rest; with more, steps may take longer.
 const MAX_TURNED: u32 = 3;
 
 /// Distance in margins, and of unit normals, up to which planes are one. With more, contacts with other faces
@@ -138,8 +138,15 @@ impl ContactGeometry {
         if self.take_back(points, step, moved, found) {
             return true;
         }
-        moved > MIN_AHEAD * self.margin
-            && (self.turn(points, step, moved, found) || self.add_ahead(points, step, moved, found))
+        if moved <= MIN_AHEAD * self.margin {
+            return false;
+        }
+        if self.turn(points, step, moved, found) {
+            // Times for this are counted by themselves, so that what overlaps at the end has its own.
+            found.taken -= 1;
+            return true;
+        }
+        self.add_ahead(points, step, moved, found)
     }
 
     /// Takes contacts back whose surfaces are not clear of each other in a step in which no point of the body
