@@ -143,8 +143,8 @@ fn plain_scenes_feel_right() {
         0xc123_9a82_f440_9653,
         0xb5c2_895a_d531_5560,
         0x6245_253b_3ca5_c44a,
-        // Pushed sideways where a blow turned the body, where it left a slot of exactly its width (0.6 N), and
-        // by a facet beside that on which it lay.
+        // Pushed sideways where a blow turned the body, where it left a slot of exactly its width (0.6 N),
+        // and by a facet beside that on which it lay.
         0x478e_bffa_49d4_d4e7,
         0x5629_d0ba_4d0b_afe3,
         0x4755_fa26_4b54_d00e,
