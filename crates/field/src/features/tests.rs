@@ -441,9 +441,8 @@ fn sharp_edges_are_found_around_corners() {
     let features = FeatureMesh::new(&mesh);
     let mut rng = StdRng::seed_from_u64(0x54A2);
     for _ in 0..500 {
-        let p = random(&mut rng) * half;
+        let mut p = random(&mut rng) * half;
         let axis = rng.random_range(0..3);
-        let mut p = p;
         p[axis] = half[axis] * p[axis].signum();
         let face = features.face_near(p, 0);
         let found = features.to_sharp_edge(face, p, 0.5);

@@ -164,9 +164,9 @@ pub(crate) struct StepContacts {
     near: ArrayVec<u16, MAX_REACHED>,
     /// Contacts without which the step is taken again.
     aside: ArrayVec<UnilateralContact, MAX_REACHED>,
-    /// Number of times that the step was taken.
+    /// Number of times that the step was taken, but for those since normals had turned.
     taken: u32,
-    /// Number of these in which normals had turned.
+    /// Number of times that it was taken again since normals had turned.
     turned: u32,
     /// Number of measurements of points that are left for taking it again.
     left: u32,
