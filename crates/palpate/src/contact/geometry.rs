@@ -247,7 +247,8 @@ impl ContactGeometry {
                 let (mut clear, turned) =
                     point.look_around(&frames, measured.distance, (reach, *margin), *since);
                 if turned {
-                    measured = point.measure(&frames, *slack, *margin + reach);
+                    // It goes down anew, from where another face or its start is nearer.
+                    measured = point.measure_on(&frames, *slack, *margin + reach);
                     clear = measured.distance;
                 }
                 let gap = measured.distance - measured.held * *margin;

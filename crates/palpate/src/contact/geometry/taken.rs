@@ -280,7 +280,7 @@ impl ContactGeometry {
             let still = point.still(&frames);
             let measured = settled(&mut there, &frames, least, MET * self.margin, left);
             let is_turned = is_beyond(&still) || is_beyond(&measured);
-            let overlaps = self.overlap(&measured);
+            let overlaps = self.overlap(&measured) || self.is_held(contact, &measured);
             if is_turned || overlaps || still.distance < 0.0 {
                 // Whether it has turned depends on the pose that it is seen from.
                 stride = 0.5 * next;
@@ -505,6 +505,13 @@ impl ContactGeometry {
     /// Whether the surfaces are not clear of each other at a point: where it is or at features that touch.
     fn overlap(&self, measured: &Measured) -> bool {
         measured.distance < CLEAR * measured.held * self.margin || measured.nearest < 0.0
+    }
+
+    /// Whether the surfaces touch at a point along the normal of a contact: then its plane tells the truth,
+    /// and holds the body all of the margin apart.
+    fn is_held(&self, contact: &UnilateralContact, measured: &Measured) -> bool {
+        measured.distance < (1.0 - APART) * measured.held * self.margin
+            && measured.normal.distance_squared(contact.normal) < TURNED * TURNED
     }
 
     /// A point with its object.
