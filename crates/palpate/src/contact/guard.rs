@@ -5,7 +5,7 @@
 //! there. Each descends to a local minimum of the distance between the surfaces.
 
 use std::cmp::Ordering;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -139,8 +139,8 @@ pub(super) struct Guard {
     /// tried.
     left: [Option<(f64, f64)>; MAX_COARSENESS as usize + 1],
     points: Vec<GuardedPoint>,
-    /// The points of each place.
-    places: HashMap<PlaceKey, usize, FixedState>,
+    /// Places of points that are among them.
+    places: HashSet<PlaceKey, FixedState>,
     /// Points of geometries that the haptic loop has, or has had.
     handed: Vec<Arc<Vec<GuardedPoint>>>,
     known: Known,
@@ -371,7 +371,7 @@ impl Guard {
             coarseness: 0,
             left: [None; MAX_COARSENESS as usize + 1],
             chosen: Vec::with_capacity(RESERVED),
-            places: HashMap::with_capacity_and_hasher(RESERVED, FixedState::default()),
+            places: HashSet::with_capacity_and_hasher(RESERVED, FixedState::default()),
             points: Vec::with_capacity(RESERVED),
             handed: Vec::with_capacity(RESERVED_HANDED),
             known: Known::new(),
@@ -562,7 +562,7 @@ impl Guard {
         self.lengthen(cells);
         self.points.clear();
         self.known.keep(&geometry.objects, self.coarseness);
-        let Self { starts, since, chosen, known, points, .. } = &mut *self;
+        let Self { starts, since, chosen, known, points, places, .. } = &mut *self;
         // The order of the cells is that of the starts.
         chosen.sort_unstable_by(|a, b| a.distance.total_cmp(&b.distance).then(a.start.cmp(&b.start)));
         let frames: ArrayVec<Frames<'_>, MAX_OBJECTS> = geometry.frames(mesh);
@@ -597,32 +597,9 @@ impl Guard {
             known.next.insert([key, feature], made);
         }
         known.step();
-        self.points.sort_unstable_by(order);
-        self.join();
-    }
-
-    /// Makes points that have descended to the same place one, if it stays on a leash about as long: bodies
-    /// turn, and what has one nearest place now has two later.
-    fn join(&mut self) {
-        let Self { points, places, .. } = self;
+        points.sort_unstable_by(order);
         places.clear();
-        let mut kept = 0;
-        for index in 0..points.len() {
-            let point = points[index];
-            let known = places.entry(point.place_key()).or_insert(kept);
-            if *known < kept {
-                let known = &mut points[*known];
-                let joined = known.leash().joined(point.leash());
-                if known.leash().covers(point.leash()) || joined.length <= LONGER * point.leash().length {
-                    known.stand_for(&point);
-                    continue;
-                }
-            }
-            *known = kept;
-            points[kept] = point;
-            kept += 1;
-        }
-        points.truncate(kept);
+        points.retain(|point| places.insert(point.place_key()));
     }
 }
 

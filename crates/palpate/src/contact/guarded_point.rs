@@ -95,7 +95,7 @@ pub(crate) struct GuardedPoint {
 
 /// Key of a place at which a point may be: the scene object, whose surface it is on, the nearest face of the
 /// other one, its feature and the place on that; and the point's leash.
-pub(super) type PlaceKey = (u8, bool, u32, u32, u64);
+pub(super) type PlaceKey = ((u8, bool, u32, u32, u64), u32);
 
 /// A guarded point, measured.
 #[derive(Clone, Copy, Debug)]
@@ -517,7 +517,7 @@ impl GuardedPoint {
 
     /// Whether another point has descended to the same place.
     pub fn is_at(&self, other: &Self) -> bool {
-        self.place_key() == other.place_key()
+        self.place_key().0 == other.place_key().0
     }
 
     /// Lets the point go wherever another one may.
@@ -526,13 +526,13 @@ impl GuardedPoint {
         self.hidden = self.hidden.max(other.hidden);
     }
 
-    /// Key of the place that the point has descended to.
+    /// Key of the place that the point has descended to, and its leash.
     pub fn place_key(&self) -> PlaceKey {
         let (feature, at) = match self.place {
             Place::Vertex(vertex) => (vertex, u64::MAX),
             Place::Edge(edge, at) => (edge, (at * 256.0) as u64),
         };
-        (self.object, self.is_probe, self.face, feature, at)
+        ((self.object, self.is_probe, self.face, feature, at), self.leash.length.to_bits())
     }
 }
 
