@@ -235,8 +235,8 @@ impl ContactGeometry {
                 else {
                     continue;
                 };
-                let hidden = point.hidden;
-                *slack += hidden;
+                // What it has itself been clear of, and not what it hides.
+                *slack += (point.slack - point.room()).max(0.0);
                 let left = f64::from(*slack);
                 let mut measured = point.measure(&frames, *slack, *margin + reach);
                 // Until it has come to rest, no more is known than what it has been clear of, and how far
@@ -262,12 +262,14 @@ impl ContactGeometry {
                     (false, false) => measured.nearest.clamp(0.0, reach),
                 };
                 let known = below(known);
-                (*slack, point.slack) = (known - hidden, known);
+                point.slack = known;
+                point.measure_hidden(&frames);
+                *slack = point.room();
                 if object.overlapped {
                     // Deepest are places that others hold, too.
                     found.depth = found.depth.max(-measured.nearest);
                 }
-                if hidden > 0.0 {
+                if point.hides() {
                     found.room = found.room.min(f64::from(*slack) - ahead);
                 }
                 if gap > reach {
@@ -425,7 +427,7 @@ impl Points {
         guarded.clear();
         guarded.extend(found.points.iter().take(MAX_POINTS).copied());
         slacks.clear();
-        slacks.extend(guarded.iter().map(|point| point.slack - point.hidden));
+        slacks.extend(guarded.iter().map(GuardedPoint::room));
         ends.clear();
         for index in 0..found.objects.len() {
             let end = guarded.partition_point(|point| usize::from(point.object) <= index);

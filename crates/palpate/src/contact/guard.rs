@@ -592,7 +592,7 @@ impl Guard {
                 let point = GuardedPoint::new((on, leash), start.hint, is_probe, object, (frames, least));
                 KnownPoint { point, gone: 0.0 }
             });
-            made.point.hidden = hidden;
+            made.point.hide(on, hidden, frames);
             points.push(made.point);
             known.next.insert([key, feature], made);
         }

@@ -85,9 +85,10 @@ pub(crate) struct GuardedPoint {
     pub slack: f32,
     /// Distance that the bodies may move before an overlap has to be searched for in the whole surface, m.
     trust: f32,
-    /// Largest distance of other places that it stands for and does not descend to, m: they may be nearer by
-    /// that.
-    pub hidden: f32,
+    /// Largest distance from where it started of other places that it stands for and does not descend to, m.
+    hidden: f32,
+    /// The same as `slack` for these, m.
+    beside: f32,
     /// Motion of the bodies since the query up to which the other surface is no nearer than is known, to the
     /// point and to where it started, m.
     clear: f32,
@@ -215,6 +216,7 @@ impl GuardedPoint {
             slack: 0.0,
             trust: 0.0,
             hidden: 0.0,
+            beside: f32::INFINITY,
             clear: 0.0,
         };
         point.settle(frames, least);
@@ -235,6 +237,7 @@ impl GuardedPoint {
         let left = |length: f32| below(f64::from(length) - motion);
         (self.object, self.trust) = (index, 0.0);
         (self.slack, self.clear) = (left(self.slack), left(self.clear).min(least));
+        self.beside = left(self.beside);
     }
 
     /// Descends as far as it goes. Should it not end, points near it may be nearer by twice the leash, but
@@ -515,15 +518,44 @@ impl GuardedPoint {
         &self.leash
     }
 
-    /// Whether another point has descended to the same place.
+    /// Has the point stand for a place at which it may start, and for those up to a distance (m) from there
+    /// to which it does not descend.
+    pub fn hide(&mut self, start: Place, within: f32, frames: &Frames<'_>) {
+        (self.start, self.hidden, self.beside) = (start, within, f32::INFINITY);
+        self.measure_hidden(frames);
+    }
+
+    /// Measures how near those places may be, as far as they may be nearer than the point.
+    #[inline(always)]
+    pub fn measure_hidden(&mut self, frames: &Frames<'_>) {
+        if self.hidden > 0.0 {
+            let within = f64::from(self.hidden);
+            let Sides { own, other, to_other, .. } = frames.sides(self.is_probe);
+            let start = to_other.transform_point3(own.position(&self.start));
+            let most = within + f64::from(self.slack).max(0.0);
+            let distance = other.nearer(start, most).map_or(most, |nearest| nearest.distance);
+            self.beside = below(distance - within);
+        }
+    }
+
+    /// Whether it stands for places to which it does not descend.
+    pub fn hides(&self) -> bool {
+        self.hidden > 0.0
+    }
+
+    /// Distance that the bodies may move before the point, or what it hides, has to be measured again, m.
+    pub fn room(&self) -> f32 {
+        self.slack.min(self.beside)
+    }
+
+    /// Whether another point has descended to the same place, and one may stand for both.
     pub fn is_at(&self, other: &Self) -> bool {
-        self.place_key().0 == other.place_key().0
+        self.place_key().0 == other.place_key().0 && !self.hides() && !other.hides()
     }
 
     /// Lets the point go wherever another one may.
     pub fn stand_for(&mut self, other: &Self) {
         self.leash = self.leash.joined(&other.leash);
-        self.hidden = self.hidden.max(other.hidden);
     }
 
     /// Key of the place that the point has descended to, and its leash.

@@ -57,6 +57,27 @@ fn measure(
     measured
 }
 
+/// What a point stands for and does not descend to is beside where it started, and not beside where it has
+/// come to.
+#[test]
+fn what_a_point_hides_is_measured_from_its_start() {
+    const GAP: f64 = 1e-3;
+    const WITHIN: f64 = 2e-3;
+    let probe = FeatureMesh::new(&test_meshes::block(DVec3::splat(0.02)));
+    let plate = FeatureMesh::new(&test_meshes::block(DVec3::new(0.2, 0.2, 0.02)));
+    // Aslant over the plate, lowest at the corner with x = 10 mm.
+    let turn = DQuat::from_rotation_y(0.5) * DQuat::from_rotation_x(-0.1);
+    let corner = |x: f64| DVec3::new(x, 0.01, -0.01);
+    let pose = Pose::new(DVec3::Z * (GAP - (turn * corner(0.01)).z), turn);
+    let frames = Frames::new((&probe, &pose), (&plate, &Pose::from_translation(DVec3::Z * -0.01)));
+    for (start, room) in [(0.01, GAP - WITHIN), (-0.01, GAP)] {
+        let mut point = new((corner(start), 0.1), true, &frames);
+        assert!((f64::from(point.slack) - GAP).abs() < 1e-6, "it is at {} m", point.slack);
+        point.hide(probe.place_near(corner(start)), WITHIN as f32, &frames);
+        assert!((f64::from(point.room()) - room).abs() < 1e-6, "from {start}: {} m", point.room());
+    }
+}
+
 /// Two ridges that cross: the point is on one edge where it is nearest to the other.
 #[test]
 fn crossed_edges_are_nearest_where_they_cross() {
