@@ -478,8 +478,8 @@ fn meshes_far_from_their_origins_are_held() {
 }
 
 /// A jaw slides over another one with contacts 50 times a second, so that guarded points turn to other faces
-/// all the time. They go all the way down in the same step, and the jaw hardly waits for the next contacts: in
-/// 45 steps where they did not.
+/// all the time. They go all the way down in the same step, and the jaw hardly waits for the next contacts;
+/// it did so in 45 steps before. The limit was set when 2 had been found.
 #[test]
 fn a_jaw_slides_over_teeth_without_waiting() {
     let [upper, lower] =

@@ -663,8 +663,8 @@ mod tests {
         assert_eq!(met(0.7, 0.0), [0], "later");
     }
 
-    /// A step that ends where surfaces touch along the normal of a contact set aside is held by it, all of the
-    /// margin apart: a nut that pressed on its thread went on by a fifth of that, and was pushed back.
+    /// A step that ends where surfaces touch along the normal of a contact set aside is held by it, all of
+    /// the margin apart: a nut that pressed on its thread went on by a fifth of that, and was pushed back.
     #[test]
     fn surfaces_that_touch_along_a_normal_are_held_all_of_the_margin_apart() {
         const GAP: f64 = 0.05;
