@@ -34,7 +34,7 @@ const MAX_GROWTH: u32 = 3;
 
 /// Largest number of points that near. With more, steps take longer in close fits; with fewer, surfaces that
 /// lie along each other touch between points.
-const MAX_NEAR: usize = 2 * MAX_UNILATERAL;
+const MAX_NEAR: usize = 3 * MAX_UNILATERAL / 2;
 
 /// Number of times that the distance from which they grow is halved, before their edge is doubled. With
 /// fewer, cells of close fits hide places; with more, those of surfaces a little apart do.
