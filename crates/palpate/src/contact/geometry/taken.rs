@@ -280,7 +280,7 @@ impl ContactGeometry {
             let still = point.still(&frames);
             let measured = settled(&mut there, &frames, least, MET * self.margin, left);
             let is_turned = is_beyond(&still) || is_beyond(&measured);
-            let overlaps = self.overlap(&measured) || self.is_held(contact, &measured);
+            let overlaps = self.overlap(&measured);
             if is_turned || overlaps || still.distance < 0.0 {
                 // Whether it has turned depends on the pose that it is seen from.
                 stride = 0.5 * next;
@@ -507,13 +507,6 @@ impl ContactGeometry {
         measured.distance < CLEAR * measured.held * self.margin || measured.nearest < 0.0
     }
 
-    /// Whether the surfaces touch at a point along the normal of a contact: then its plane tells the truth,
-    /// and holds the body all of the margin apart.
-    fn is_held(&self, contact: &UnilateralContact, measured: &Measured) -> bool {
-        measured.distance < (1.0 - APART) * measured.held * self.margin
-            && measured.normal.distance_squared(contact.normal) < TURNED * TURNED
-    }
-
     /// A point with its object.
     fn point(&self, points: &Points, key: u16) -> Option<(GuardedPoint, &NearObject)> {
         let point = *points.guarded.get(usize::from(key))?;
@@ -661,30 +654,6 @@ mod tests {
         assert_eq!(met(0.55, 1.0), [0], "a little later, beside it");
         assert_eq!(met(0.55, 0.0), [0, 1], "a little later, elsewhere");
         assert_eq!(met(0.7, 0.0), [0], "later");
-    }
-
-    /// A step that ends where surfaces touch along the normal of a contact set aside is held by it, all of
-    /// the margin apart: a nut that pressed on its thread went on by a fifth of that, and was pushed back.
-    #[test]
-    fn surfaces_that_touch_along_a_normal_are_held_all_of_the_margin_apart() {
-        const GAP: f64 = 0.05;
-        let far = (DVec3::splat(9.0), 0.0);
-        let mut made = geometry_at([(DVec3::new(1.0 + GAP, -0.25, -0.25), 0.0), far, far], 30);
-        (made.margin, made.bound.radius) = (1e-3, 1.0);
-        let mut points = Points::default();
-        points.assign(&made);
-        for (margins, is_held) in [(0.9, true), (0.98, true), (1.0, false), (1.1, false)] {
-            let (mut found, state) =
-                (StepContacts::default(), BodyState::at_rest(Pose::from_translation(made.center_of_mass)));
-            let motion = StepMotion { moved: 0.0, reach: 4.0 * GAP, dt: 1e-3 };
-            made.contacts(&mut points, &state, &motion, &StepContacts::default(), &mut found);
-            let way = GAP - margins * made.margin;
-            let poses = [made.center_of_mass, made.center_of_mass + way * DVec3::X];
-            let step = Taken { poses: poses.map(Pose::from_translation), dt: 1e-3 };
-            found.contacts.iter_mut().for_each(|contact| contact.impulse = contact.normal);
-            assert!(made.revise(&points, &step, &mut found) && found.contacts.is_empty(), "{found:?}");
-            assert_eq!(made.take_back(&points, &step, way, &mut found), is_held, "{margins} margins apart");
-        }
     }
 
     /// A contact at a point of a geometry of three objects, to which keys belong in turn by tens.
