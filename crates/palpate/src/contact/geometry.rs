@@ -4,7 +4,12 @@
 //! bodies' present poses. Each [guarded point](GuardedPoint) first descends over the features of its own
 //! surface to where that is nearest to the other one.
 
+mod points;
 pub(crate) mod taken;
+
+pub(super) use points::in_turn;
+use points::{LANES, MAX_LOOKS, Reached};
+pub(crate) use points::{MAX_RESERVES, Points};
 
 use std::sync::Arc;
 
@@ -14,7 +19,7 @@ use palpate_core::{Pose, Twist};
 use palpate_dynamics::{BodyState, Friction, MAX_UNILATERAL, MotionBound, MovingBody, UnilateralContact};
 use palpate_field::FeatureMesh;
 
-use super::guarded_point::{Frames, GuardedPoint, below};
+use super::guarded_point::{Frames, GuardedPoint, Reserve};
 use crate::scene::SceneId;
 use crate::scene::moving::Pushable;
 
@@ -22,12 +27,21 @@ use crate::scene::moving::Pushable;
 /// distance between detailed surfaces are missed.
 pub(crate) const MAX_POINTS: usize = 2048;
 
+/// Distance of unit normals up to which planes are one. With more, contacts with other faces are taken for
+/// those with one; with less, more of them are measured and followed along a step.
+const LEVEL_NORMAL: f64 = 1e-4;
+
+/// Gap from which a contact is one at a distance, in margins between surfaces. With more, bodies that pass
+/// edges that closely are held; with less, steps that end at a surface are taken more often.
+const APART: f64 = 0.01;
+
+/// Share of the margin up to which surfaces are clear of each other. With more, contacts that yield a little
+/// are not; with less, bodies sink into edges that they pass.
+const CLEAR: f64 = 0.8;
+
 /// Largest number of points that a step may reach. With fewer, more of a body's motion waits where it touches
 /// much at once; with more, it takes longer to tell their contacts apart.
 const MAX_REACHED: usize = 1024;
-
-/// Number of numbers that are compared at once.
-const LANES: usize = 8;
 
 /// Largest number of scene objects near the body. With more, a geometry takes longer to hand over.
 pub(crate) const MAX_OBJECTS: usize = 64;
@@ -114,6 +128,8 @@ pub(crate) struct ContactGeometry {
     /// Those of each object in turn. The contact loop keeps them, too, so that the haptic loop never frees
     /// them.
     pub points: Arc<Vec<GuardedPoint>>,
+    /// Where they started, those of each object in turn, kept in the same way.
+    pub reserves: Arc<Vec<Reserve>>,
     /// The region in which the points are all that can be touched.
     pub bound: MotionBound,
     /// Objects that bound it, and the room that the others leave beyond it, m.
@@ -126,20 +142,6 @@ pub(crate) struct ContactGeometry {
     pub far_speed: f64,
     /// Time since the query, s.
     pub age: f64,
-}
-
-/// The guarded points of a geometry where the haptic loop's steps have moved them.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Points {
-    /// Those of each object in turn.
-    guarded: Box<ArrayVec<GuardedPoint, MAX_POINTS>>,
-    /// Distances that the bodies may move before these have to be measured again, m: a step passes over all
-    /// of them in a few instructions.
-    slacks: ArrayVec<f32, MAX_POINTS>,
-    /// Number of points of the objects up to each.
-    ends: ArrayVec<u16, MAX_OBJECTS>,
-    /// Motion of the body and of each object since the query, m.
-    motions: ArrayVec<f64, MAX_OBJECTS>,
 }
 
 /// The contacts of one step.
@@ -170,6 +172,8 @@ pub(crate) struct StepContacts {
     turned: u32,
     /// Number of measurements of points that are left for taking it again.
     left: u32,
+    /// Indices of reserves that are asleep and that the step may reach.
+    coming: ArrayVec<u16, MAX_LOOKS>,
 }
 
 /// Motion of the body from one step to the next.
@@ -202,98 +206,27 @@ impl ContactGeometry {
         let StepMotion { moved, reach, dt } = *motion;
         let to_mesh = Pose::from_translation(-self.center_of_mass);
         let mesh = state.pose * to_mesh;
-        let Self { probe, objects, margin, friction, .. } = self;
-        let Points { guarded, slacks, ends, motions } = points;
-        let mut first = 0;
-        for ((object, end), since) in objects.iter_mut().zip(&*ends).zip(motions) {
-            let range = first..usize::from(*end);
-            first = usize::from(*end);
+        let Self { probe, objects, margin, friction, reserves, .. } = self;
+        let near = points.pass(objects, (moved, reach, dt), reserves, found);
+        for (index, object) in objects.iter_mut().enumerate() {
             object.before = object.pose;
-            if object.felt_elsewhere {
-                continue;
-            }
-            let Some(slacks) = slacks.get_mut(range.clone()) else { continue };
-            let mut near = ArrayVec::<u16, MAX_POINTS>::new();
-            // What is beyond the reach is met neither by the body's motion nor by the object's.
-            let ahead = object.speed * dt;
-            let reach = reach + OBJECT_REACH * ahead;
-            let gone = moved + std::mem::take(&mut object.moved);
-            *since += gone;
-            let room = pass(gone as f32, reach as f32, slacks, &mut near);
-            found.room = found.room.min(f64::from(room) - ahead);
-            if near.is_empty() {
-                continue;
-            }
+            let Some((own, woken, own_reserves)) = near.of(index, points) else { continue };
             let frames = Frames::new((probe, &mesh), (&object.surface, &object.pose));
-            let frames = if object.overlapped { frames.overlapping(*margin) } else { frames };
-            let twist = object.motion.twist;
-            let own = found.contacts.len();
-            for &offset in &near {
-                let index = range.start + usize::from(offset);
-                let (Some(point), Some(slack)) =
-                    (guarded.get_mut(index), slacks.get_mut(usize::from(offset)))
-                else {
-                    continue;
-                };
-                // What it has itself been clear of, and not what it hides.
-                *slack += (point.slack - point.room()).max(0.0);
-                let left = f64::from(*slack);
-                let mut measured = point.measure(&frames, *slack, *margin + reach);
-                // Until it has come to rest, no more is known than what it has been clear of, and how far
-                // other places on its leash are.
-                if !measured.is_settled && measured.distance >= left {
-                    measured = point.measure_on(&frames, *slack, *margin + reach);
-                }
-                let (mut clear, turned) =
-                    point.look_around(&frames, measured.distance, (reach, *margin), *since);
-                if turned {
-                    // It goes down anew, from where another face or its start is nearer.
-                    measured = point.measure_on(&frames, *slack, *margin + reach);
-                    clear = measured.distance;
-                }
-                let gap = measured.distance - measured.held * *margin;
-                // One that has further to go is measured again in the next step.
-                let known = match (measured.is_settled, gap.is_finite()) {
-                    (true, _) => gap.min(clear).min(measured.nearest),
-                    (false, true) => {
-                        let others = point.least_beside(measured.nearest).max(left.clamp(0.0, reach));
-                        gap.min(measured.nearest).min(others)
-                    }
-                    (false, false) => measured.nearest.clamp(0.0, reach),
-                };
-                let known = below(known);
-                point.slack = known;
-                point.measure_hidden(&frames);
-                *slack = point.room();
-                if object.overlapped {
-                    // Deepest are places that others hold, too.
-                    found.depth = found.depth.max(-measured.nearest);
-                }
-                if point.hides() {
-                    found.room = found.room.min(f64::from(*slack) - ahead);
-                }
-                if gap > reach {
-                    // Where another point is nearer, that one bounds the motion.
-                    let room = if gap.is_finite() { known.into() } else { reach };
-                    found.room = found.room.min(room - ahead);
-                    continue;
-                }
-                found.depth = found.depth.max(-measured.distance);
-                let (arm, normal) = (measured.point - state.pose.translation, measured.normal);
-                let contact = UnilateralContact {
-                    arm,
-                    normal,
-                    gap,
-                    velocity: twist.velocity_at(measured.point),
-                    friction: friction.static_coefficient,
-                    impulse: DVec3::ZERO,
-                    pushed: object.pushed,
-                    key: index as u16,
-                };
-                if !found.add(own, contact, measured.nearest) || found.near.try_push(index as u16).is_err() {
-                    found.room = 0.0;
-                }
-            }
+            let ahead = object.speed * dt;
+            let at = Reached {
+                frames: if object.overlapped { frames.overlapping(*margin) } else { frames },
+                object,
+                reach: reach + OBJECT_REACH * ahead,
+                margin: *margin,
+                since: points.since(index),
+                ahead,
+                center: state.pose.translation,
+                friction: friction.static_coefficient,
+                own: found.contacts.len(),
+            };
+            own.iter().for_each(|key| points.meet(*key, &at, found));
+            woken.iter().for_each(|key| points.meet_woken(*key, &at, found));
+            own_reserves.iter().for_each(|place| points.look(*place, reserves, &at, found));
         }
         found.take_over(before, friction);
     }
@@ -316,9 +249,10 @@ impl ContactGeometry {
 
     /// Copies another geometry.
     pub fn assign(&mut self, found: &Self) {
-        let Self { probe, center_of_mass, objects, points, bound, far, beyond, .. } = self;
+        let Self { probe, center_of_mass, objects, points, reserves, bound, far, beyond, .. } = self;
         let Self { friction, margin, far_speed, age, .. } = self;
         points.clone_from(&found.points);
+        reserves.clone_from(&found.reserves);
         if !Arc::ptr_eq(probe, &found.probe) {
             probe.clone_from(&found.probe);
         }
@@ -343,16 +277,7 @@ impl ContactGeometry {
     /// Takes into account that the bodies have moved since the query: the one in the hand by `moved` (m), and
     /// the scene's by as much as they have been moved on here.
     pub fn shift(&mut self, points: &mut Points, moved: f64) {
-        let Points { slacks, ends, motions, .. } = points;
-        let mut first = 0;
-        for ((object, end), since) in self.objects.iter_mut().zip(&*ends).zip(motions) {
-            let gone = moved + std::mem::take(&mut object.moved);
-            *since += gone;
-            for slack in &mut slacks[first..usize::from(*end)] {
-                *slack -= gone as f32;
-            }
-            first = usize::from(*end);
-        }
+        points.shift(&mut self.objects, moved);
     }
 
     /// Moves the scene objects on by a time (s), but those that the haptic loop moves otherwise.
@@ -420,56 +345,10 @@ impl NearObject {
     }
 }
 
-impl Points {
-    /// Copies those of a geometry.
-    pub fn assign(&mut self, found: &ContactGeometry) {
-        let Self { guarded, slacks, ends, motions } = self;
-        guarded.clear();
-        guarded.extend(found.points.iter().take(MAX_POINTS).copied());
-        slacks.clear();
-        slacks.extend(guarded.iter().map(GuardedPoint::room));
-        ends.clear();
-        for index in 0..found.objects.len() {
-            let end = guarded.partition_point(|point| usize::from(point.object) <= index);
-            ends.push(end as u16);
-        }
-        motions.clear();
-        motions.extend(found.objects.iter().map(|_| 0.0));
-    }
-}
-
-/// Copies as many points as there is room for, those of each object in turn.
-pub(super) fn in_turn(points: &[GuardedPoint], objects: usize, to: &mut Vec<GuardedPoint>) {
-    to.clear();
-    let points = &points[..points.len().min(MAX_POINTS)];
-    for object in 0..objects {
-        to.extend(points.iter().filter(|point| usize::from(point.object) == object));
-    }
-}
-
-/// Takes a motion (m) off all slacks. Appends the indices of those within a reach (m), and returns the least
-/// of the others, m.
-fn pass(gone: f32, reach: f32, slacks: &mut [f32], near: &mut ArrayVec<u16, MAX_POINTS>) -> f32 {
-    let mut least = [f32::INFINITY; LANES];
-    for (chunk, slacks) in slacks.chunks_mut(LANES).enumerate() {
-        let mut any = 0;
-        for (slack, least) in slacks.iter_mut().zip(&mut least) {
-            *slack -= gone;
-            let is_far = *slack > reach;
-            any |= u32::from(!is_far);
-            let far = if is_far { *slack } else { f32::INFINITY };
-            *least = if far < *least { far } else { *least };
-        }
-        if any == 0 {
-            continue;
-        }
-        for (lane, slack) in slacks.iter().enumerate() {
-            if *slack <= reach || slack.is_nan() {
-                near.push((LANES * chunk + lane) as u16);
-            }
-        }
-    }
-    least.into_iter().fold(f32::INFINITY, f32::min)
+/// Whether two contacts with an object are with the same plane, to within a distance (m).
+fn is_level(a: &UnilateralContact, b: &UnilateralContact, within: f64) -> bool {
+    let apart = a.normal.dot(a.arm - b.arm) + a.gap - b.gap;
+    apart.abs() < within && a.normal.distance_squared(b.normal) < LEVEL_NORMAL * LEVEL_NORMAL
 }
 
 impl StepContacts {
@@ -483,6 +362,7 @@ impl StepContacts {
         self.near.clear();
         self.aside.clear();
         (self.taken, self.turned, self.left) = (0, 0, MAX_MEASURED);
+        self.coming.clear();
     }
 
     /// Forgets which points the contacts are of; they are found again by their places.
@@ -629,26 +509,6 @@ pub(super) mod tests {
         assert!(left(&made, DVec3::Z * 0.1) < 0.0);
     }
 
-    #[test]
-    fn slacks_that_are_passed_over_are_those_that_are_far() {
-        let mut rng = StdRng::seed_from_u64(0x51AC);
-        for round in 0..500 {
-            let count = round % 50;
-            let before: Vec<f32> = (0..count).map(|_| rng.random_range(-1.0..3.0)).collect();
-            let (gone, reach) = (rng.random_range(0.0..0.5), rng.random_range(0.0..2.0));
-            let (mut slacks, mut near) = (before.clone(), ArrayVec::new());
-            let least = pass(gone, reach, &mut slacks, &mut near);
-            let after: Vec<f32> = before.iter().map(|slack| slack - gone).collect();
-            let wanted: Vec<u16> = (0..count as u16).filter(|i| after[usize::from(*i)] <= reach).collect();
-            let far = after.iter().copied().filter(|slack| *slack > reach).fold(f32::INFINITY, f32::min);
-            assert_eq!((slacks, near.as_slice(), least), (after, wanted.as_slice(), far), "round {round}");
-        }
-        // What is not a number is measured anew.
-        let mut near = ArrayVec::new();
-        assert_eq!(pass(0.0, 1.0, &mut [2.0, f32::NAN], &mut near), 2.0);
-        assert_eq!(near.as_slice(), [1]);
-    }
-
     fn tetrahedron() -> Arc<FeatureMesh> {
         let triangles = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
         let mesh = TriMesh::new(vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z], triangles);
@@ -656,7 +516,7 @@ pub(super) mod tests {
     }
 
     /// A geometry with points of three objects in turn, at heights (m), which also are their speeds.
-    fn geometry(heights: [f64; 3], count: usize) -> ContactGeometry {
+    pub(super) fn geometry(heights: [f64; 3], count: usize) -> ContactGeometry {
         geometry_at(heights.map(|height| (DVec3::Z * height, height)), count)
     }
 
@@ -684,6 +544,7 @@ pub(super) mod tests {
             center_of_mass: DVec3::ZERO,
             objects: objects.into_iter().map(object).collect(),
             points: Arc::default(),
+            reserves: Arc::default(),
             bound: MotionBound::NONE,
             friction: Friction::NONE,
             margin: 0.0,
@@ -709,43 +570,8 @@ pub(super) mod tests {
             };
             (0..count).map(point).collect()
         };
-        in_turn(&points, 3, Arc::make_mut(&mut made.points));
+        in_turn((&points, MAX_POINTS), 3, |point| point.object, Arc::make_mut(&mut made.points));
         made
-    }
-
-    #[test]
-    fn points_are_kept_in_the_order_of_the_objects() {
-        let mut points = Points::default();
-        let mut copy = geometry([9.0, 8.0, 7.0], 1);
-        for (heights, count) in [([2.0, 3.0, 4.0], 10), ([5.0, 3.0, 4.0], 7), ([2.0, 3.0, 4.0], 0)] {
-            let found = geometry(heights, count);
-            copy.assign(&found);
-            points.assign(&copy);
-            let order: Vec<u8> = points.guarded.iter().map(|point| point.object).collect();
-            let wanted =
-                |object: u8| (0..count).filter(move |i| i % 3 == usize::from(object)).map(move |_| object);
-            assert_eq!(order, [0, 1, 2].into_iter().flat_map(wanted).collect::<Vec<u8>>());
-            let of_points: Vec<f32> = points.guarded.iter().map(|point| point.slack).collect();
-            assert_eq!(points.slacks.as_slice(), of_points);
-            let ends: Vec<usize> = points.ends.iter().map(|end| usize::from(*end)).collect();
-            let until = |object: u8| order.iter().filter(|own| **own <= object).count();
-            assert_eq!(ends, [0, 1, 2].map(until));
-            for (copy, found) in copy.objects.iter().zip(&found.objects) {
-                assert!(Arc::ptr_eq(&copy.surface, &found.surface) && copy.pose == found.pose);
-            }
-            // Each object's points lose its own motion, once, and the room the largest.
-            let before = points.clone();
-            copy.bound.room = 1.0;
-            copy.advance(0.01);
-            copy.shift(&mut points, 0.5);
-            copy.shift(&mut points, 0.0);
-            for ((after, before), point) in points.slacks.iter().zip(&before.slacks).zip(&*points.guarded) {
-                let gone = 0.5 + 0.01 * heights[usize::from(point.object)];
-                assert!((f64::from(before - after) - gone).abs() < 1e-6, "{before} to {after}");
-            }
-            let most = 0.01 * heights.into_iter().fold(0.0, f64::max);
-            assert!((copy.bound.room - (1.0 - most)).abs() < 1e-12, "{}", copy.bound.room);
-        }
     }
 
     /// Every deep point searched the whole surface in each measurement.

@@ -16,8 +16,8 @@ use palpate_core::glam::{DVec3, Vec3};
 use palpate_dynamics::MAX_UNILATERAL;
 use palpate_field::{FeatureMesh, Leash, Place};
 
-use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, NearObject, in_turn};
-use super::guarded_point::{Frames, GuardedPoint, PlaceKey};
+use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, MAX_RESERVES, NearObject, in_turn};
+use super::guarded_point::{Frames, GuardedPoint, PlaceKey, Reserve};
 use super::near_features::NearFeature;
 
 /// Distance of surfaces up to which the finest cells are smallest, in edges of theirs; beyond it they grow.
@@ -141,9 +141,30 @@ pub(super) struct Guard {
     points: Vec<GuardedPoint>,
     /// Places of points that are among them.
     places: HashSet<PlaceKey, FixedState>,
-    /// Points of geometries that the haptic loop has, or has had.
-    handed: Vec<Arc<Vec<GuardedPoint>>>,
+    /// Where they started.
+    reserves: Vec<Reserve>,
+    /// Lists of geometries that the haptic loop has, or has had.
+    handed_points: Handed<GuardedPoint>,
+    handed_reserves: Handed<Reserve>,
     known: Known,
+}
+
+/// Lists that were handed over. They are kept, so that those who read them never free them.
+#[derive(Debug)]
+struct Handed<T>(Vec<Arc<Vec<T>>>);
+
+impl<T> Default for Handed<T> {
+    fn default() -> Self {
+        Self(Vec::with_capacity(RESERVED_HANDED))
+    }
+}
+
+impl<T> Handed<T> {
+    /// A list for at most so many: one that is no longer read, or a new one.
+    fn take(&mut self, most: usize) -> Arc<Vec<T>> {
+        let free = self.0.iter_mut().position(|list| Arc::get_mut(list).is_some());
+        free.map_or_else(|| Arc::new(Vec::with_capacity(most)), |free| self.0.swap_remove(free))
+    }
 }
 
 /// Points of a query, by the features and the cells that they started from.
@@ -373,15 +394,16 @@ impl Guard {
             chosen: Vec::with_capacity(RESERVED),
             places: HashSet::with_capacity_and_hasher(RESERVED, FixedState::default()),
             points: Vec::with_capacity(RESERVED),
-            handed: Vec::with_capacity(RESERVED_HANDED),
+            reserves: Vec::with_capacity(MAX_RESERVES),
+            handed_points: Handed::default(),
+            handed_reserves: Handed::default(),
             known: Known::new(),
         }
     }
 
-    /// Room for the points of a geometry: where the haptic loop no longer reads some, theirs.
-    pub fn room(&mut self) -> Arc<Vec<GuardedPoint>> {
-        let free = self.handed.iter_mut().position(|points| Arc::get_mut(points).is_some());
-        free.map_or_else(|| Arc::new(Vec::with_capacity(MAX_POINTS)), |free| self.handed.swap_remove(free))
+    /// Room for the points of a geometry and their starts: where the haptic loop no longer reads some, theirs.
+    pub fn room(&mut self) -> (Arc<Vec<GuardedPoint>>, Arc<Vec<Reserve>>) {
+        (self.handed_points.take(MAX_POINTS), self.handed_reserves.take(MAX_RESERVES))
     }
 
     /// Keeps the starts with some objects, given as ranges in turn.
@@ -459,10 +481,18 @@ impl Guard {
             }
             self.coarseness += 1;
         }
+        let objects = geometry.objects.len();
         if let Some(points) = Arc::get_mut(&mut geometry.points) {
-            in_turn(&self.points, geometry.objects.len(), points);
+            in_turn((&self.points, MAX_POINTS), objects, |point| point.object, points);
         }
-        self.handed.push(Arc::clone(&geometry.points));
+        if let Some(reserves) = Arc::get_mut(&mut geometry.reserves) {
+            in_turn((&self.reserves, MAX_RESERVES), objects, |reserve| reserve.object, reserves);
+        }
+        self.handed_points.0.push(Arc::clone(&geometry.points));
+        self.handed_reserves.0.push(Arc::clone(&geometry.reserves));
+        // What those hide for which there is no room bounds the motion.
+        let hiding = self.reserves.iter().skip(MAX_RESERVES).filter(|reserve| reserve.hides());
+        left_out = hiding.map(|reserve| f64::from(reserve.slack)).fold(left_out, f64::min);
         let nearest = self.points.get(MAX_POINTS).map_or(f64::INFINITY, |point| point.slack.into());
         let is_missed = |point: &&GuardedPoint| f64::from(point.slack) < limits.room;
         let missed = self.points.iter().skip(MAX_POINTS).take_while(is_missed).count();
@@ -561,8 +591,9 @@ impl Guard {
     fn make(&mut self, geometry: &ContactGeometry, mesh: &Pose, limits: &Limits, cells: &Cells) {
         self.lengthen(cells);
         self.points.clear();
+        self.reserves.clear();
         self.known.keep(&geometry.objects, self.coarseness);
-        let Self { starts, since, chosen, known, points, places, .. } = &mut *self;
+        let Self { starts, since, chosen, known, points, places, reserves, .. } = &mut *self;
         // The order of the cells is that of the starts.
         chosen.sort_unstable_by(|a, b| a.distance.total_cmp(&b.distance).then(a.start.cmp(&b.start)));
         let frames: ArrayVec<Frames<'_>, MAX_OBJECTS> = geometry.frames(mesh);
@@ -588,12 +619,18 @@ impl Guard {
                 let point = before?.point.resumed((object, joined(before?)), frames, least);
                 Some(KnownPoint { point, gone: 0.0 }).filter(is_near)
             };
-            let mut made = fresh.or_else(resumed).unwrap_or_else(|| {
+            let made = fresh.or_else(resumed).unwrap_or_else(|| {
                 let point = GuardedPoint::new((on, leash), start.hint, is_probe, object, (frames, least));
                 KnownPoint { point, gone: 0.0 }
             });
-            made.point.hide(on, hidden, frames);
             points.push(made.point);
+            let least = (f64::from(start.distance - start.apart), hidden);
+            let mut reserve = Reserve::new((on, leash), start.hint, is_probe, object, least);
+            // Where it bounds the motion more than its point does, its distance has to be that of now.
+            if reserve.slack < made.point.slack {
+                reserve.slack = reserve.slack_at(reserve.closest(frames).distance);
+            }
+            reserves.push(reserve);
             known.next.insert([key, feature], made);
         }
         known.step();

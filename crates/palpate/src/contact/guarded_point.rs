@@ -1,7 +1,9 @@
 //! A point of one surface that must not pass the other.
 
+mod reserve;
 mod touching_features;
 
+pub(crate) use reserve::Reserve;
 pub(super) use touching_features::OVERLAP;
 
 use palpate_core::Pose;
@@ -69,8 +71,6 @@ thread_local! {
 pub(crate) struct GuardedPoint {
     /// Place on its own body's surface.
     place: Place,
-    /// Where it started.
-    start: Place,
     /// Part of that surface that it stays in.
     leash: Leash,
     /// Face of the other body's surface that is nearest.
@@ -85,12 +85,7 @@ pub(crate) struct GuardedPoint {
     pub slack: f32,
     /// Distance that the bodies may move before an overlap has to be searched for in the whole surface, m.
     trust: f32,
-    /// Largest distance from where it started of other places that it stands for and does not descend to, m.
-    hidden: f32,
-    /// The same as `slack` for these, m.
-    beside: f32,
-    /// Motion of the bodies since the query up to which the other surface is no nearer than is known, to the
-    /// point and to where it started, m.
+    /// Motion of the bodies since the query up to which the other surface is no nearer than is known, m.
     clear: f32,
 }
 
@@ -207,7 +202,6 @@ impl GuardedPoint {
         let face = other.face_near(to_other.transform_point3(own.position(&place)), hint);
         let mut point = Self {
             place,
-            start: place,
             leash,
             face,
             object: index,
@@ -215,8 +209,6 @@ impl GuardedPoint {
             stride: 1.0,
             slack: 0.0,
             trust: 0.0,
-            hidden: 0.0,
-            beside: f32::INFINITY,
             clear: 0.0,
         };
         point.settle(frames, least);
@@ -237,7 +229,12 @@ impl GuardedPoint {
         let left = |length: f32| below(f64::from(length) - motion);
         (self.object, self.trust) = (index, 0.0);
         (self.slack, self.clear) = (left(self.slack), left(self.clear).min(least));
-        self.beside = left(self.beside);
+    }
+
+    /// The point where motion is counted anew, after so much since the query, m. `index` is that of the scene
+    /// object now.
+    pub fn carried(&self, index: u8, motion: f64) -> Self {
+        Self { object: index, clear: below(f64::from(self.clear) - motion), ..*self }
     }
 
     /// Descends as far as it goes. Should it not end, points near it may be nearer by twice the leash, but
@@ -322,10 +319,10 @@ impl GuardedPoint {
     }
 
     /// Turns to the nearest face of the whole surface where another than the one that the point knows may be
-    /// nearer by now, after a motion of the bodies since the query (m), and goes back to where it started if
-    /// that is nearer: before either could be within reach of contacts, and within reach, before it could be
-    /// at half of the distance. `margin` is that at which surfaces are held apart, m. Returns how far the
-    /// bodies may move until then, m, and whether it has turned.
+    /// nearer by now, after a motion of the bodies since the query (m): before it could be within reach of
+    /// contacts, and within reach, before it could be at half of the distance. `margin` is that at which
+    /// surfaces are held apart, m. Returns how far the bodies may move until then, m, and whether it has
+    /// turned.
     pub fn look_around(
         &mut self,
         frames: &Frames<'_>,
@@ -337,24 +334,16 @@ impl GuardedPoint {
         if !distance.is_finite() || distance <= TOUCHING * margin || left >= distance {
             return (distance, false);
         }
-        // What it hides may be nearer than that.
-        if left > reach + f64::from(self.hidden) {
+        if left > reach {
             return (left, false);
         }
         if distance <= reach && left > 0.5 * distance {
             return (distance, false);
         }
         let Sides { own, other, to_other, .. } = frames.sides(self.is_probe);
-        let (place, home) = (own.position(&self.place), own.position(&self.start));
-        let nearer = other.nearer(to_other.transform_point3(place), distance);
+        let nearer = other.nearer(to_other.transform_point3(own.position(&self.place)), distance);
         let clear = nearer.map_or(distance, |nearer| nearer.distance);
-        let at_home = (home != place).then(|| other.nearer(to_other.transform_point3(home), clear)).flatten();
-        let least = at_home.map_or(clear, |nearer| nearer.distance);
-        self.clear = below(least + motion);
-        if let Some(nearer) = at_home.filter(|nearer| nearer.distance < clear - frames.min_descent) {
-            (self.place, self.face, self.stride) = (self.start, nearer.face, 1.0);
-            return (least, true);
-        }
+        self.clear = below(clear + motion);
         let is_lower = |nearer: &ClosestPoint| nearer.distance < distance - frames.min_descent;
         let other = nearer.filter(|nearer| nearer.face != self.face && is_lower(nearer));
         self.face = other.map_or(self.face, |nearer| nearer.face);
@@ -518,39 +507,9 @@ impl GuardedPoint {
         &self.leash
     }
 
-    /// Has the point stand for a place at which it may start, and for those up to a distance (m) from there
-    /// to which it does not descend.
-    pub fn hide(&mut self, start: Place, within: f32, frames: &Frames<'_>) {
-        (self.start, self.hidden, self.beside) = (start, within, f32::INFINITY);
-        self.measure_hidden(frames);
-    }
-
-    /// Measures how near those places may be, as far as they may be nearer than the point.
-    #[inline(always)]
-    pub fn measure_hidden(&mut self, frames: &Frames<'_>) {
-        if self.hidden > 0.0 {
-            let within = f64::from(self.hidden);
-            let Sides { own, other, to_other, .. } = frames.sides(self.is_probe);
-            let start = to_other.transform_point3(own.position(&self.start));
-            let most = within + f64::from(self.slack).max(0.0);
-            let distance = other.nearer(start, most).map_or(most, |nearest| nearest.distance);
-            self.beside = below(distance - within);
-        }
-    }
-
-    /// Whether it stands for places to which it does not descend.
-    pub fn hides(&self) -> bool {
-        self.hidden > 0.0
-    }
-
-    /// Distance that the bodies may move before the point, or what it hides, has to be measured again, m.
-    pub fn room(&self) -> f32 {
-        self.slack.min(self.beside)
-    }
-
-    /// Whether another point has descended to the same place, and one may stand for both.
+    /// Whether another point has descended to the same place.
     pub fn is_at(&self, other: &Self) -> bool {
-        self.place_key().0 == other.place_key().0 && !self.hides() && !other.hides()
+        self.place_key().0 == other.place_key().0
     }
 
     /// Lets the point go wherever another one may.

@@ -104,11 +104,13 @@ impl ContactLoop {
             reach + (pull.speed + 0.5 * scale * HAND_ACCELERATION * ahead) * ahead
         };
         let reaches = Reaches { reach, enough, edge, long: LONG * edge };
+        let (points, reserves) = self.guard.room();
         let mut geometry = ContactGeometry {
             probe: self.probe.features()?,
             center_of_mass: self.center_of_mass,
             objects: Default::default(),
-            points: self.guard.room(),
+            points,
+            reserves,
             bound: MotionBound { from: body.pose, room: reach, step: f64::INFINITY, radius: self.radius },
             friction: self.parameters.friction,
             margin: (MARGIN * radius).min(0.05 * tolerance),

@@ -138,7 +138,7 @@ impl BodyContacts {
     /// step is to be taken again.
     pub fn revise(&mut self, step: &Taken) -> bool {
         let contacts = &mut self.contacts[self.now];
-        self.geometry.as_ref().is_some_and(|geometry| geometry.revise(&self.points, step, contacts))
+        self.geometry.as_ref().is_some_and(|geometry| geometry.revise(&mut self.points, step, contacts))
     }
 
     /// The penalty contacts and the unilateral ones of this step.
@@ -186,6 +186,9 @@ impl BodyContacts {
         };
         // Keys of points change from one geometry to the next.
         self.contacts[self.now].forget();
+        let moved = displacement(&self.at, &state.pose, self.radius);
+        let pushing = |last| self.points.pushing(&self.contacts[self.now], (last, found), moved);
+        let carried = self.geometry.as_ref().map(pushing).unwrap_or_default();
         let known = self.geometry.get_or_insert_with(|| found.clone());
         known.assign(found);
         self.points.assign(found);
@@ -194,6 +197,7 @@ impl BodyContacts {
         let others = joined.iter().filter(|other| !known.moves(other.id));
         known.bound.room -= others.fold(0.0, |gone: f64, other| gone.max(other.moved_in(age)));
         known.shift(&mut self.points, known.bound.displacement(&state.pose));
+        self.points.carry(&carried);
         self.at = state.pose;
     }
 

@@ -255,6 +255,7 @@ mod tests {
             center_of_mass: DVec3::ZERO,
             objects,
             points: Arc::default(),
+            reserves: Arc::default(),
             bound: MotionBound { room: 1.0, ..MotionBound::NONE },
             friction: Friction::NONE,
             margin: 0.0,

@@ -80,12 +80,13 @@ pub fn map(plan: &Plan) -> Result<Section, String> {
         &[Contacts::Constraints],
     );
     let rates = plan.choose(&[500.0, 100.0, 50.0], &[50.0]);
-    let jaws = jaws(plan, &pairs(&contacts, &rates))?;
+    let jaws = if plan.scans.is_empty() { jaws(plan, &pairs(&contacts, &rates))? } else { Vec::new() };
     let scans = scans::map(plan)?;
     let of = |wanted: &dyn Fn(&Contacts) -> bool| jaws.iter().filter(|jaws| wanted(&jaws.contacts)).collect();
     let judged: Vec<&Jaws> = of(&|contacts| *contacts == Contacts::Constraints);
     let penalties: Vec<&Jaws> = of(&|contacts| *contacts != Contacts::Constraints);
-    let verdicts = verdicts(&judged).into_iter().chain(control(&penalties));
+    let verdicts = if judged.is_empty() { Vec::new() } else { verdicts(&judged) };
+    let verdicts = verdicts.into_iter().chain(control(&penalties));
     Ok(Section {
         title: "Extremes: a light jaw on teeth, and scans",
         paragraphs: [vec![introduction()], scans.paragraphs].concat(),

@@ -1,14 +1,49 @@
 //! Grids of cases.
 
+use std::fmt;
+use std::str::FromStr;
+
 use crate::progress::each;
 
 /// Resolution of the maps.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Plan {
     /// Whether to use coarse grids.
     pub quick: bool,
     /// Number of haptic steps in the long session.
     pub steps: u64,
+    /// The only cases of scans, or all if there are none here.
+    pub scans: Vec<ScanCase>,
+}
+
+/// A case of scans, as in the table of their map: files of the held object and of what it touches, mass (kg)
+/// and contact rate (Hz).
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScanCase {
+    pub held: String,
+    pub touched: String,
+    pub mass: f64,
+    pub rate: f64,
+}
+
+impl fmt::Display for ScanCase {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { held, touched, mass, rate } = self;
+        write!(f, "{held},{touched},{mass},{rate}")
+    }
+}
+
+impl FromStr for ScanCase {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts: Vec<&str> = text.split(',').collect();
+        let [held, touched, mass, rate] = parts[..] else {
+            return Err(format!("{text}: give HELD,TOUCHED,KG,HZ"));
+        };
+        let number = |text: &str| text.parse().map_err(|_| format!("{text} is not a number"));
+        Ok(Self { held: held.into(), touched: touched.into(), mass: number(mass)?, rate: number(rate)? })
+    }
 }
 
 impl Plan {

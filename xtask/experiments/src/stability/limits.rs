@@ -285,7 +285,7 @@ mod tests {
 
     #[test]
     fn the_emulated_device_has_the_limits_of_theory() {
-        let section = map(&Plan { quick: true, steps: 0 }).unwrap();
+        let section = map(&Plan { quick: true, steps: 0, scans: Vec::new() }).unwrap();
         assert_eq!(section.verdicts.len(), 5);
         for verdict in &section.verdicts {
             assert!(verdict.holds, "{verdict:?}");

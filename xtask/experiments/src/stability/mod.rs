@@ -34,7 +34,7 @@ mod z_width;
 use std::error::Error;
 use std::path::PathBuf;
 
-use grid::Plan;
+use grid::{Plan, ScanCase};
 use page::Section;
 
 /// Arguments of `cargo xtask stability`.
@@ -52,6 +52,9 @@ pub struct Arguments {
     /// Haptic steps of the map `session` [default: ten million, 200,000 with --quick].
     #[arg(long)]
     steps: Option<u64>,
+    /// The only cases of the scans of `extremes`, as in their table, and nothing else of that map.
+    #[arg(long, value_name = "HELD,TOUCHED,KG,HZ", num_args = 1.., conflicts_with = "quick")]
+    scans: Vec<ScanCase>,
 }
 
 /// The maps, in the order of the page.
@@ -133,7 +136,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(&arguments.out)
         .map_err(|error| format!("cannot create the folder {}: {error}", arguments.out.display()))?;
     let steps = arguments.steps.unwrap_or(if arguments.quick { QUICK_STEPS } else { STEPS });
-    let plan = Plan { quick: arguments.quick, steps };
+    let plan = Plan { quick: arguments.quick, steps, scans: arguments.scans.clone() };
     let all = arguments.names.contains(&Name::All);
     let mut sections = Vec::new();
     for name in Name::MAPS.into_iter().filter(|name| all || arguments.names.contains(name)) {
@@ -156,5 +159,9 @@ fn command(arguments: &Arguments) -> String {
         words.push("--quick".to_owned());
     }
     words.extend(arguments.steps.map(|steps| format!("--steps {steps}")));
+    if !arguments.scans.is_empty() {
+        words.push("--scans".to_owned());
+        words.extend(arguments.scans.iter().map(ScanCase::to_string));
+    }
     words.join(" ")
 }

@@ -14,8 +14,12 @@ use arrayvec::ArrayVec;
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
 use palpate_dynamics::{MAX_UNILATERAL, MotionBound, UnilateralContact};
+use palpate_field::ClosestPoint;
 
-use super::{ContactGeometry, Frames, MAX_REACHED, NEAR_PLACE, NearObject, Points, SAME_PLACE, StepContacts};
+use super::{
+    APART, CLEAR, ContactGeometry, Frames, MAX_REACHED, NEAR_PLACE, NearObject, Points, SAME_PLACE,
+    StepContacts, is_level,
+};
 use crate::contact::guarded_point::{GuardedPoint, Measured};
 
 /// Number of times that a step is taken at most, but for normals that turn: the last time, with all contacts
@@ -23,17 +27,13 @@ use crate::contact::guarded_point::{GuardedPoint, Measured};
 /// with more, steps may take longer.
 const MAX_TAKEN: u32 = 8;
 
-/// Gap from which a contact is one at a distance, in margins between surfaces. With more, bodies that pass
-/// edges that closely are held; with less, steps that end at a surface are taken more often.
-const APART: f64 = 0.01;
+/// Distance in margins up to which planes of faces are one. With more, contacts with other faces are taken for
+/// those with one; with less, more of them are followed along a step.
+const LEVEL: f64 = 0.5;
 
 /// Motion in a step from which its end is looked at, in margins between surfaces. With more, bodies go
 /// further into edges that they pass; with less, slow steps take longer.
 const MIN_AHEAD: f64 = 8.0;
-
-/// Share of the margin up to which surfaces are clear of each other. With more, contacts that yield a little
-/// are not; with less, bodies sink into edges that they pass.
-const CLEAR: f64 = 0.8;
 
 /// Shares of a step from one pose to the next at which surfaces are to be clear. With more at most, a body
 /// may pass a thin part; with more at least, contacts have the normals of surfaces that are further apart.
@@ -62,6 +62,10 @@ const BESIDE: f64 = 0.05;
 const MET: f64 = 4.0;
 const MET_DEPTH: f64 = 16.0;
 
+/// Distance in margins of a reserve up to which it is looked at whether surfaces overlap where a point descends
+/// from there. With less, edges that cross beside it are held late; with more, steps take longer.
+const BEFORE: f64 = 64.0;
+
 /// Depth in margins up to which an overlap is held against a step's end, too. With more, steps take longer
 /// where bodies overlap deeply; with less, those that turn sink further in.
 const HELD_DEPTH: f64 = 128.0;
@@ -76,11 +80,6 @@ const TURNED: f64 = 5e-4;
 /// Number of times that a step is taken again at most since normals have turned. With fewer, they may not
 /// have come to rest; with more, steps may take longer.
 const MAX_TURNED: u32 = 3;
-
-/// Distance in margins, and of unit normals, up to which planes are one. With more, contacts with other faces
-/// are taken for those with one; with less, more of them are followed along a step.
-const LEVEL: f64 = 0.5;
-const LEVEL_NORMAL: f64 = 1e-4;
 
 /// What a point meets in a step.
 #[derive(Clone, Copy, Debug)]
@@ -125,7 +124,7 @@ impl Taken {
 impl ContactGeometry {
     /// Holds contacts against where a step with them has led. Returns whether they have changed, so that the
     /// step is to be taken again from where it started.
-    pub fn revise(&self, points: &Points, step: &Taken, found: &mut StepContacts) -> bool {
+    pub fn revise(&self, points: &mut Points, step: &Taken, found: &mut StepContacts) -> bool {
         found.taken += 1;
         if found.taken >= MAX_TAKEN {
             return false;
@@ -138,15 +137,16 @@ impl ContactGeometry {
         if self.take_back(points, step, moved, found) {
             return true;
         }
-        if moved <= MIN_AHEAD * self.margin {
-            return false;
-        }
-        if self.turn(points, step, moved, found) {
+        let is_fast = moved > MIN_AHEAD * self.margin;
+        if is_fast && self.turn(points, step, moved, found) {
             // Times for this are counted by themselves, so that what overlaps at the end has its own.
             found.taken -= 1;
             return true;
         }
-        self.add_ahead(points, step, moved, found)
+        let known = found.near.len();
+        self.wake_ahead(points, step, moved, found);
+        // Slow steps end where they started, but for what has come near unseen.
+        self.add_ahead(points, step, moved, if is_fast { 0 } else { known }, found)
     }
 
     /// Takes contacts back whose surfaces are not clear of each other in a step in which no point of the body
@@ -216,7 +216,9 @@ impl ContactGeometry {
         contacts: &mut ArrayVec<UnilateralContact, MAX_REACHED>,
     ) -> bool {
         let is_level = |contact: &UnilateralContact, held: &[UnilateralContact]| {
-            held.iter().any(|held| self.is_level(points, held, contact))
+            let is_own =
+                |held: &UnilateralContact| points.object_of(held.key) == points.object_of(contact.key);
+            held.iter().any(|held| is_level(held, contact, LEVEL * self.margin) && is_own(held))
         };
         if !aside.iter().any(|contact| is_passed(contact) && is_level(contact, contacts)) {
             return false;
@@ -227,14 +229,6 @@ impl ContactGeometry {
             }
         }
         true
-    }
-
-    /// Whether two contacts are with the same plane of an object.
-    fn is_level(&self, points: &Points, a: &UnilateralContact, b: &UnilateralContact) -> bool {
-        let apart = a.normal.dot(a.arm - b.arm) + a.gap - b.gap;
-        apart.abs() < LEVEL * self.margin
-            && a.normal.distance_squared(b.normal) < LEVEL_NORMAL * LEVEL_NORMAL
-            && points.object_of(a.key) == points.object_of(b.key)
     }
 
     /// What a point meets in a step that passes its contact's plane; `None` if the surfaces always are clear
@@ -401,13 +395,47 @@ impl ContactGeometry {
         is_turned.then_some(UnilateralContact { impulse: known.impulse, friction: known.friction, ..end })
     }
 
+    /// Starts points from reserves where surfaces are not clear of each other at the end of a step in which no
+    /// point of the body moves by more than `moved` (m).
+    fn wake_ahead(&self, points: &mut Points, step: &Taken, moved: f64, found: &mut StepContacts) {
+        let StepContacts { coming, near, left, .. } = found;
+        coming.retain(|place| {
+            let Some(reserve) = self.reserves.get(usize::from(*place)) else { return false };
+            let Some(object) = self.objects.get(usize::from(reserve.object)) else { return false };
+            let within = BEFORE * self.margin;
+            let slack = points.reserve_slack(*place);
+            let least = reserve.distance(slack) - moved - object.speed * step.dt;
+            if least >= within || *left == 0 {
+                return true;
+            }
+            *left -= 1;
+            let frames = self.frames_at(object, step, 1.0);
+            let ClosestPoint { distance, face, .. } = reserve.closest(&frames);
+            if distance >= within || *left == 0 {
+                return true;
+            }
+            let later = settled(&mut reserve.wake(face, slack), &frames, least, MET * self.margin, left);
+            let is_woken = later.is_settled
+                && self.overlap(&later)
+                && points.wake(*place, reserve, face).is_some_and(|key| near.try_push(key).is_ok());
+            !is_woken
+        });
+    }
+
     /// Adds contacts for what overlaps at the end of a step in which no point of the body moves by more than
-    /// `moved` (m). Returns whether there is any.
-    fn add_ahead(&self, points: &Points, step: &Taken, moved: f64, found: &mut StepContacts) -> bool {
+    /// `moved` (m), of the points near from the index `first` on. Returns whether there is any.
+    fn add_ahead(
+        &self,
+        points: &Points,
+        step: &Taken,
+        moved: f64,
+        first: usize,
+        found: &mut StepContacts,
+    ) -> bool {
         let StepContacts { contacts, near, left, .. } = found;
         let mut is_changed = false;
         let mut last: Option<(u8, Frames<'_>)> = None;
-        for &key in near.iter() {
+        for &key in &near[first..] {
             if *left == 0 {
                 break;
             }
@@ -424,8 +452,7 @@ impl ContactGeometry {
             last = Some((point.object, frames));
             let mut later = settled(&mut point, &frames, least, gap - least, left);
             // Where it has come to, another part of the surface may be nearer than that which it was near.
-            let since =
-                points.motions.get(usize::from(point.object)).map_or(0.0, |since| since + gap - least);
+            let since = points.since(usize::from(point.object)) + gap - least;
             let within = (self.margin, self.margin);
             if *left > 0 && point.look_around(&frames, later.distance, within, since).1 {
                 later = settled(&mut point, &frames, least, gap - least, left);
@@ -539,13 +566,6 @@ fn settled(
     point.measure_on(frames, least as f32, reach)
 }
 
-impl Points {
-    /// Index of the scene object of the point of a key.
-    fn object_of(&self, key: u16) -> Option<u8> {
-        self.guarded.get(usize::from(key)).map(|point| point.object)
-    }
-}
-
 impl NearObject {
     /// Pose of its mesh's frame a time (s) after the start of the step.
     fn moved_on(&self, dt: f64) -> Pose {
@@ -607,14 +627,14 @@ mod tests {
         let step = Taken { poses: poses.map(Pose::from_translation), dt: 1e-3 };
         // Both have pushed at a distance; then both are met.
         found.contacts.iter_mut().for_each(|contact| contact.impulse = contact.normal);
-        assert!(made.revise(&points, &step, &mut found) && found.contacts.is_empty(), "{found:?}");
-        assert!(made.revise(&points, &step, &mut found));
+        assert!(made.revise(&mut points, &step, &mut found) && found.contacts.is_empty(), "{found:?}");
+        assert!(made.revise(&mut points, &step, &mut found));
         both(&found);
         // One is known; the other one is met by the step's end.
         for kept in [None, Some(0)] {
             let mut found = at_start.clone();
             found.contacts.retain(|contact| contact.pushed == kept);
-            assert!(found.contacts.len() == 1 && made.revise(&points, &step, &mut found), "{found:?}");
+            assert!(found.contacts.len() == 1 && made.revise(&mut points, &step, &mut found), "{found:?}");
             both(&found);
         }
     }
@@ -635,20 +655,20 @@ mod tests {
                 (StepContacts::default(), BodyState::at_rest(Pose::from_translation(made.center_of_mass)));
             let motion = StepMotion { moved: 0.0, reach: 4.0 * GAP, dt: 1e-3 };
             made.contacts(&mut points, &state, &motion, &StepContacts::default(), &mut found);
-            let objects = |found: &StepContacts| {
+            let objects = |points: &Points, found: &StepContacts| {
                 let mut objects: Vec<_> =
                     found.contacts.iter().filter_map(|it| points.object_of(it.key)).collect();
                 objects.sort_unstable();
                 objects
             };
-            assert_eq!(objects(&found), [0, 1, 2], "{found:?}");
+            assert_eq!(objects(&points, &found), [0, 1, 2], "{found:?}");
             let poses = [made.center_of_mass, made.center_of_mass + 2.0 * GAP * DVec3::X];
             let step = Taken { poses: poses.map(Pose::from_translation), dt: 1e-3 };
             found.contacts.iter_mut().for_each(|contact| contact.impulse = contact.normal);
-            assert!(made.revise(&points, &step, &mut found) && found.contacts.is_empty(), "{found:?}");
+            assert!(made.revise(&mut points, &step, &mut found) && found.contacts.is_empty(), "{found:?}");
             made.bound.radius = radius;
             assert!(made.take_back(&points, &step, 2.0 * GAP, &mut found));
-            objects(&found)
+            objects(&points, &found)
         };
         assert_eq!(met(0.5, 1.0), [0, 1], "at once");
         assert_eq!(met(0.55, 1.0), [0], "a little later, beside it");
@@ -792,7 +812,7 @@ mod tests {
             assert!((found.depth - depth).abs() < 0.5 * depth && found.near.len() == 30, "{found:?}");
             let poses = [made.center_of_mass, made.center_of_mass + 0.02 * DVec3::Y];
             let step = Taken { poses: poses.map(Pose::from_translation), dt: 1e-3 };
-            let taken = (0..20).take_while(|_| made.revise(&points, &step, &mut found)).count();
+            let taken = (0..20).take_while(|_| made.revise(&mut points, &step, &mut found)).count();
             assert!(taken < 8, "taken {taken} times");
             found.left
         };

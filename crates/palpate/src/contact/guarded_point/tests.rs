@@ -60,21 +60,42 @@ fn measure(
 /// What a point stands for and does not descend to is beside where it started, and not beside where it has
 /// come to.
 #[test]
-fn what_a_point_hides_is_measured_from_its_start() {
-    const GAP: f64 = 1e-3;
-    const WITHIN: f64 = 2e-3;
+fn what_a_reserve_hides_is_measured_from_there() {
+    const WITHIN: f32 = 2e-3;
     let probe = FeatureMesh::new(&test_meshes::block(DVec3::splat(0.02)));
     let plate = FeatureMesh::new(&test_meshes::block(DVec3::new(0.2, 0.2, 0.02)));
-    // Aslant over the plate, lowest at the corner with x = 10 mm.
+    // Aslant over the plate, lowest at the corner with x = 10 mm, to which points from the other one descend.
     let turn = DQuat::from_rotation_y(0.5) * DQuat::from_rotation_x(-0.1);
     let corner = |x: f64| DVec3::new(x, 0.01, -0.01);
-    let pose = Pose::new(DVec3::Z * (GAP - (turn * corner(0.01)).z), turn);
+    let pose = Pose::new(DVec3::Z * (1e-3 - (turn * corner(0.01)).z), turn);
     let frames = Frames::new((&probe, &pose), (&plate, &Pose::from_translation(DVec3::Z * -0.01)));
-    for (start, room) in [(0.01, GAP - WITHIN), (-0.01, GAP)] {
-        let mut point = new((corner(start), 0.1), true, &frames);
-        assert!((f64::from(point.slack) - GAP).abs() < 1e-6, "it is at {} m", point.slack);
-        point.hide(probe.place_near(corner(start)), WITHIN as f32, &frames);
-        assert!((f64::from(point.room()) - room).abs() < 1e-6, "from {start}: {} m", point.room());
+    for x in [0.01, -0.01] {
+        let point = new((corner(x), 0.1), true, &frames);
+        assert!((f64::from(point.slack) - 1e-3).abs() < 1e-6, "from {x} m it is at {} m", point.slack);
+        let reserve = |hidden| {
+            let leash = Leash { home: corner(x), length: 0.1 };
+            Reserve::new((probe.place_near(corner(x)), leash), 0, true, 0, (0.0, hidden))
+        };
+        let distance = reserve(WITHIN).closest(&frames).distance;
+        assert!((distance - pose.transform_point(corner(x)).z).abs() < 1e-9, "{x} m: {distance} m");
+        let slacks = [WITHIN, 0.0].map(|hidden| f64::from(reserve(hidden).slack_at(distance)));
+        assert!((slacks[0] - (distance - f64::from(WITHIN))).abs() < 1e-9, "{x} m: {slacks:?} m");
+        assert!((slacks[1] - distance).abs() < 1e-9, "{x} m: {slacks:?} m");
+    }
+}
+
+/// A surface bends along the line between two faces, also where the direction from beyond the second one has a
+/// part along that line, as past its end.
+#[test]
+fn a_surface_bends_along_the_line_between_faces() {
+    let ridge = roof();
+    let [on, beyond] = [-0.01, 0.01].map(|y| ridge.nearest(DVec3::new(0.0, y, 0.0)));
+    let aslant = ClosestPoint { normal: (beyond.normal + DVec3::X * 0.05).normalize(), ..beyond };
+    for (end, is_straight) in [(beyond, true), (aslant, false)] {
+        let line = touching_features::bend(&ridge, on.normal, &end).normalize();
+        assert!(line.x.abs() > 1.0 - 1e-12, "{end:?}: {line}");
+        let direct = on.normal.cross(end.normal).normalize();
+        assert_eq!(direct.x.abs() > 1.0 - 1e-12, is_straight, "across the direction: {direct}");
     }
 }
 
@@ -202,45 +223,6 @@ fn two_blocks(blocks: [(DVec3, DVec3); 2]) -> FeatureMesh {
         triangles.extend(block.triangles().iter().map(|triangle| triangle.map(|vertex| vertex + first)));
     }
     FeatureMesh::new(&TriMesh::new(vertices, triangles).expect("two blocks"))
-}
-
-/// A point that has gone from one corner of a cube to the next one, over a post. The corner where it started
-/// is over another post, which comes up to it. It goes back before that could be nearer than it tells.
-#[test]
-fn a_point_goes_back_to_where_it_started_before_that_is_met() {
-    const REACH: f64 = 1e-4;
-    let post = |x: f64, top: f64| (DVec3::new(0.002, 0.03, 0.02), DVec3::new(x, 0.0, top - 0.01));
-    let posts = [post(-0.005, -5.5e-3), post(0.005, -6e-3)];
-    let (cube, both) = (block(DVec3::splat(0.01)), two_blocks(posts));
-    // About the top of the first post.
-    let about = Pose::from_translation(DVec3::new(-0.005, 0.0, -5.5e-3));
-    let at = |angle: f64| about * Pose::new(DVec3::ZERO, DQuat::from_rotation_y(-angle)) * about.inverse();
-    let start = at(0.0);
-    let home = DVec3::new(0.005, 0.005, -0.005);
-    let other = home.with_x(-0.005);
-    let mut point = new((other, 0.0101), true, &Frames::new((&cube, &Pose::IDENTITY), (&both, &start)));
-    (point.start, point.leash.home, point.clear) = (cube.place_near(home), home, point.clear.min(1e-3));
-    let mut turns = 0;
-    for step in 1..=95 {
-        let angle = 1e-3 * f64::from(step);
-        let pose = at(angle);
-        let frames = Frames::new((&cube, &Pose::IDENTITY), (&both, &pose));
-        let mut distance = point.measure(&frames, point.slack, REACH).distance;
-        // No part of the cube is further from the axis.
-        let (mut clear, turned) = point.look_around(&frames, distance, (REACH, 1e-7), 0.02 * angle);
-        if turned {
-            turns += 1;
-            distance = point.measure(&frames, point.slack, REACH).distance;
-            clear = distance;
-        }
-        let back = pose.inverse();
-        let truth = [home, other].map(|corner| {
-            posts.map(|post| to_block(post, back.transform_point(corner))).into_iter().fold(1.0, f64::min)
-        });
-        let truth = truth[0].min(truth[1]);
-        assert!(clear.min(distance) <= truth + 1e-9, "step {step}: {clear} m and {distance} m, not {truth}");
-    }
-    assert_eq!(turns, 1, "it goes back once");
 }
 
 /// A corner before a wall of a body that also has a plate, which comes down on the corner along the wall. The

@@ -195,7 +195,7 @@ impl GuardedPoint {
                 if end.normal.dot(closest.normal) >= 1.0 - LEVEL {
                     return measured;
                 }
-                let normal = across_both(closest.normal.cross(end.normal));
+                let normal = across_both(bend(sides.other, closest.normal, &end));
                 (normal, closest.distance / normal.dot(outward))
             }
             MeshFeature::Edge(other) => {
@@ -323,7 +323,7 @@ impl GuardedPoint {
                 if is_beyond && direction.dot(normal).abs() > ALONG_EDGE * direction.length() {
                     return None;
                 }
-                let both = || across(direction, normal.cross(end.normal), normal);
+                let both = || across(direction, bend(own, normal, &end), normal);
                 is_beyond.then(both).flatten().unwrap_or(normal)
             }
             _ => normal,
@@ -447,6 +447,13 @@ impl GuardedPoint {
         let (own, other) = (a + u * s, c + v * t);
         Some(Pair { own, other, normal, distance: normal.dot(other - own) })
     }
+}
+
+/// The line along which a surface bends between a face with a normal and what is nearest further on: across the
+/// normals of both faces, or if they are one, across the direction from there.
+pub(super) fn bend(surface: &FeatureMesh, normal: DVec3, end: &ClosestPoint) -> DVec3 {
+    let line = normal.cross(surface.normal_near(MeshFeature::Face(end.face), end.normal));
+    if line.length_squared() > CROSSING * CROSSING { line } else { normal.cross(end.normal) }
 }
 
 /// The unit normal across two edges, towards a unit vector; `None` if it is far from that, as those of edges

@@ -9,7 +9,7 @@ use palpate::{Object, OpenOptions, Pose, Scene, Settings};
 use palpate_report::{CellAxis, HeatMap};
 
 use super::session::{Case, Hands, Measured, worst};
-use crate::stability::grid::{Plan, pairs};
+use crate::stability::grid::{Plan, ScanCase, pairs};
 use crate::stability::page::{Picture, Table, Verdict, row};
 
 /// A file, and the factor from its lengths to metres.
@@ -95,7 +95,15 @@ pub fn map(plan: &Plan) -> Result<Scans, String> {
         .flat_map(|(pair, response)| {
             cells.iter().map(move |&(mass, rate)| Parameters { pair, mass, rate, response })
         })
+        .filter(|case| plan.scans.is_empty() || plan.scans.contains(&case.as_in_table()))
         .collect();
+    if cases.len() < plan.scans.len() {
+        return Err(format!(
+            "{} of {} cases are not in the table",
+            plan.scans.len() - cases.len(),
+            plan.scans.len()
+        ));
+    }
     let found = plan.each("extremes: scans", &cases, Parameters::measure)?;
     Ok(described(&cases, &found, &notes))
 }
@@ -142,6 +150,11 @@ impl Parameters<'_> {
         };
         (self.response.1)(&mut settings);
         settings
+    }
+
+    fn as_in_table(&self) -> ScanCase {
+        let [held, touched] = self.pair.names.map(str::to_owned);
+        ScanCase { held, touched, mass: self.mass, rate: self.rate }
     }
 
     fn measure(&self) -> Result<Measured, String> {
