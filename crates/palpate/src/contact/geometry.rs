@@ -165,7 +165,7 @@ pub(crate) struct StepContacts {
     /// Indices of the points that the step may bring into contact.
     near: ArrayVec<u16, MAX_REACHED>,
     /// Contacts without which the step is taken again.
-    aside: ArrayVec<UnilateralContact, MAX_REACHED>,
+    aside: Box<ArrayVec<UnilateralContact, MAX_REACHED>>,
     /// Number of times that the step was taken, but for those since normals had turned.
     taken: u32,
     /// Number of times that it was taken again since normals had turned.

@@ -401,7 +401,8 @@ impl Guard {
         }
     }
 
-    /// Room for the points of a geometry and their starts: where the haptic loop no longer reads some, theirs.
+    /// Room for the points of a geometry and their starts: where the haptic loop no longer reads some,
+    /// theirs.
     pub fn room(&mut self) -> (Arc<Vec<GuardedPoint>>, Arc<Vec<Reserve>>) {
         (self.handed_points.take(MAX_POINTS), self.handed_reserves.take(MAX_RESERVES))
     }

@@ -1,9 +1,9 @@
 //! The points of a geometry as the haptic loop's steps move them.
 //!
-//! There are three kinds. Those *in turn* are the points that the query has made, each object's after those of
-//! the last one. Their starts are in [reserve](Reserve): where surfaces come near one of them, a point *wakes*
-//! there, beside those in turn. So does a point that pushed when a geometry took the place of another: what holds
-//! the body does not depend on which points the next query finds.
+//! There are three kinds. Those *in turn* are the points that the query has made, each object's after those
+//! of the last one. Their starts are in [reserve](Reserve): where surfaces come near one of them, a point
+//! *wakes* there, beside those in turn. So does a point that pushed when a geometry took the place of
+//! another: what holds the body does not depend on which points the next query finds.
 
 use std::sync::Arc;
 
@@ -33,20 +33,20 @@ pub(super) const MAX_LOOKS: usize = 128;
 const MAX_WOKEN: usize = 2 * MAX_UNILATERAL;
 
 /// The guarded points of a geometry where the haptic loop's steps have moved them.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Points {
     /// Those of each object in turn, and then those beside them. Their indices are the keys of contacts.
-    pub(super) guarded: Box<ArrayVec<GuardedPoint, { MAX_POINTS + MAX_WOKEN }>>,
+    pub(super) guarded: Vec<GuardedPoint>,
     /// Distances that the bodies may move before those in turn have to be measured again, m: a step passes
     /// over all of them in a few instructions.
-    slacks: ArrayVec<f32, MAX_POINTS>,
+    slacks: Vec<f32>,
     /// Number of points of the objects up to each.
     ends: ArrayVec<u16, MAX_OBJECTS>,
     /// The same for the reserves.
-    reserve_slacks: ArrayVec<f32, MAX_RESERVES>,
+    reserve_slacks: Vec<f32>,
     reserve_ends: ArrayVec<u16, MAX_OBJECTS>,
     /// What is known of the points beside those in turn.
-    woken: ArrayVec<Woken, MAX_WOKEN>,
+    woken: Vec<Woken>,
     /// Motion of the body and of each object since the query, m.
     motions: ArrayVec<f64, MAX_OBJECTS>,
 }
@@ -90,6 +90,35 @@ pub(super) struct Reached<'a> {
     pub friction: f64,
     /// Index of the first contact with it.
     pub own: usize,
+}
+
+impl Default for Points {
+    /// Room for as many as there may be, so that none is made later.
+    fn default() -> Self {
+        Self {
+            guarded: Vec::with_capacity(MAX_POINTS + MAX_WOKEN),
+            slacks: Vec::with_capacity(MAX_POINTS),
+            ends: ArrayVec::new(),
+            reserve_slacks: Vec::with_capacity(MAX_RESERVES),
+            reserve_ends: ArrayVec::new(),
+            woken: Vec::with_capacity(MAX_WOKEN),
+            motions: ArrayVec::new(),
+        }
+    }
+}
+
+impl Clone for Points {
+    /// With as much room.
+    fn clone(&self) -> Self {
+        let Self { guarded, slacks, ends, reserve_slacks, reserve_ends, woken, motions } = self;
+        let mut copy = Self::default();
+        copy.guarded.clone_from(guarded);
+        copy.slacks.clone_from(slacks);
+        copy.reserve_slacks.clone_from(reserve_slacks);
+        copy.woken.clone_from(woken);
+        (copy.ends, copy.reserve_ends, copy.motions) = (ends.clone(), reserve_ends.clone(), motions.clone());
+        copy
+    }
 }
 
 impl Points {
@@ -223,8 +252,8 @@ impl Points {
         }
     }
 
-    /// Measures a reserve that may be within reach. Where surfaces are not clear of each other, a point starts
-    /// there; where they are, it is one of those `coming`.
+    /// Measures a reserve that may be within reach. Where surfaces are not clear of each other, a point
+    /// starts there; where they are, it is one of those `coming`.
     pub(super) fn look(
         &mut self,
         place: u16,
@@ -271,9 +300,13 @@ impl Points {
     }
 
     fn push_woken(&mut self, point: &GuardedPoint, woken: Woken) -> Option<u16> {
-        self.woken.try_push(woken).ok()?;
-        self.guarded.push(*point);
-        Some((self.guarded.len() - 1) as u16)
+        let key = self.guarded.len() as u16;
+        let is_room = self.woken.len() < MAX_WOKEN;
+        is_room.then(|| {
+            self.woken.push(woken);
+            self.guarded.push(*point);
+            key
+        })
     }
 
     /// The points whose contacts push, for a geometry `next` that takes the place of the `last` one, after a
@@ -336,8 +369,8 @@ impl Near {
 }
 
 impl Reached<'_> {
-    /// Measures a point, with what the motion since its last measurement has left of its slack, m. Returns the
-    /// gap, too: its distance beyond that at which surfaces are held apart, m.
+    /// Measures a point, with what the motion since its last measurement has left of its slack, m. Returns
+    /// the gap, too: its distance beyond that at which surfaces are held apart, m.
     #[inline(always)]
     fn measure(&self, point: &mut GuardedPoint, slack: f32) -> (Measured, f64) {
         let Self { frames, reach, margin, since, .. } = self;
@@ -473,8 +506,8 @@ mod tests {
     /// Two opposite corners of the cube's bottom.
     const CORNERS: [DVec3; 2] = [DVec3::new(-HALF, -HALF, -HALF), DVec3::new(HALF, HALF, -HALF)];
 
-    /// A cube over a plate, with a point at one of its corners and a reserve at another one, if wanted. Neither
-    /// descends to another corner.
+    /// A cube over a plate, with a point at one of its corners and a reserve at another one, if wanted.
+    /// Neither descends to another corner.
     fn over_a_plate(point: Option<DVec3>, reserve: Option<DVec3>) -> ContactGeometry {
         let cube = Arc::new(FeatureMesh::new(&block(DVec3::splat(2.0 * HALF))));
         let plate = Arc::new(FeatureMesh::new(&block(DVec3::new(0.2, 0.2, 0.02))));
@@ -506,8 +539,8 @@ mod tests {
     }
 
     /// A step turns a cube about the corner that its point is at, so that the opposite one would go into the
-    /// plate, where a point has started and is no more. It is held there, in this step and the next ones, until
-    /// another point is there.
+    /// plate, where a point has started and is no more. It is held there, in this step and the next ones,
+    /// until another point is there.
     #[test]
     fn a_start_that_is_left_is_held_when_it_comes_near() {
         let turn = DQuat::from_axis_angle(DVec3::new(-1.0, 1.0, 0.0).normalize(), 7e-3);
@@ -633,7 +666,7 @@ mod tests {
                 |object: u8| (0..count).filter(move |i| i % 3 == usize::from(object)).map(move |_| object);
             assert_eq!(order, [0, 1, 2].into_iter().flat_map(wanted).collect::<Vec<u8>>());
             let of_points: Vec<f32> = points.guarded.iter().map(|point| point.slack).collect();
-            assert_eq!(points.slacks.as_slice(), of_points);
+            assert_eq!(points.slacks, of_points);
             let ends: Vec<usize> = points.ends.iter().map(|end| usize::from(*end)).collect();
             let until = |object: u8| order.iter().filter(|own| **own <= object).count();
             assert_eq!(ends, [0, 1, 2].map(until));

@@ -27,8 +27,8 @@ use crate::contact::guarded_point::{GuardedPoint, Measured};
 /// with more, steps may take longer.
 const MAX_TAKEN: u32 = 8;
 
-/// Distance in margins up to which planes of faces are one. With more, contacts with other faces are taken for
-/// those with one; with less, more of them are followed along a step.
+/// Distance in margins up to which planes of faces are one. With more, contacts with other faces are taken
+/// for those with one; with less, more of them are followed along a step.
 const LEVEL: f64 = 0.5;
 
 /// Motion in a step from which its end is looked at, in margins between surfaces. With more, bodies go
@@ -62,8 +62,8 @@ const BESIDE: f64 = 0.05;
 const MET: f64 = 4.0;
 const MET_DEPTH: f64 = 16.0;
 
-/// Distance in margins of a reserve up to which it is looked at whether surfaces overlap where a point descends
-/// from there. With less, edges that cross beside it are held late; with more, steps take longer.
+/// Distance in margins of a reserve up to which it is looked at whether surfaces overlap where a point
+/// descends from there. With less, edges that cross beside it are held late; with more, steps take longer.
 const BEFORE: f64 = 64.0;
 
 /// Depth in margins up to which an overlap is held against a step's end, too. With more, steps take longer
@@ -395,8 +395,8 @@ impl ContactGeometry {
         is_turned.then_some(UnilateralContact { impulse: known.impulse, friction: known.friction, ..end })
     }
 
-    /// Starts points from reserves where surfaces are not clear of each other at the end of a step in which no
-    /// point of the body moves by more than `moved` (m).
+    /// Starts points from reserves where surfaces are not clear of each other at the end of a step in which
+    /// no point of the body moves by more than `moved` (m).
     fn wake_ahead(&self, points: &mut Points, step: &Taken, moved: f64, found: &mut StepContacts) {
         let StepContacts { coming, near, left, .. } = found;
         coming.retain(|place| {

@@ -84,8 +84,8 @@ fn what_a_reserve_hides_is_measured_from_there() {
     }
 }
 
-/// A surface bends along the line between two faces, also where the direction from beyond the second one has a
-/// part along that line, as past its end.
+/// A surface bends along the line between two faces, also where the direction from beyond the second one has
+/// a part along that line, as past its end.
 #[test]
 fn a_surface_bends_along_the_line_between_faces() {
     let ridge = roof();

@@ -449,8 +449,8 @@ impl GuardedPoint {
     }
 }
 
-/// The line along which a surface bends between a face with a normal and what is nearest further on: across the
-/// normals of both faces, or if they are one, across the direction from there.
+/// The line along which a surface bends between a face with a normal and what is nearest further on: across
+/// the normals of both faces, or if they are one, across the direction from there.
 pub(super) fn bend(surface: &FeatureMesh, normal: DVec3, end: &ClosestPoint) -> DVec3 {
     let line = normal.cross(surface.normal_near(MeshFeature::Face(end.face), end.normal));
     if line.length_squared() > CROSSING * CROSSING { line } else { normal.cross(end.normal) }
