@@ -155,11 +155,15 @@ struct Handed<T>(Vec<Arc<Vec<T>>>);
 
 impl<T> Default for Handed<T> {
     fn default() -> Self {
-        Self(Vec::with_capacity(RESERVED_HANDED))
+        Self(Vec::new())
     }
 }
 
 impl<T> Handed<T> {
+    fn new() -> Self {
+        Self(Vec::with_capacity(RESERVED_HANDED))
+    }
+
     /// A list for at most so many: one that is no longer read, or a new one.
     fn take(&mut self, most: usize) -> Arc<Vec<T>> {
         let free = self.0.iter_mut().position(|list| Arc::get_mut(list).is_some());
@@ -395,8 +399,8 @@ impl Guard {
             places: HashSet::with_capacity_and_hasher(RESERVED, FixedState::default()),
             points: Vec::with_capacity(RESERVED),
             reserves: Vec::with_capacity(MAX_RESERVES),
-            handed_points: Handed::default(),
-            handed_reserves: Handed::default(),
+            handed_points: Handed::new(),
+            handed_reserves: Handed::new(),
             known: Known::new(),
         }
     }

@@ -7,8 +7,9 @@ use palpate_dynamics::{BodyState, ContactBlend, LinearContactModel, MotionBound,
 use super::joined::Joined;
 use super::pushed_objects::PushedObjects;
 use super::reactions::ReactionFeed;
+use crate::contact::geometry::stepping::Points;
 use crate::contact::geometry::taken::Taken;
-use crate::contact::geometry::{ContactGeometry, Points, StepContacts, StepMotion};
+use crate::contact::geometry::{ContactGeometry, StepContacts, StepMotion};
 use crate::contact::monitor::{ConstraintForces, ContactForce};
 use crate::telemetry::record::ModelData;
 

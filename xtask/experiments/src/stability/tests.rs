@@ -9,6 +9,7 @@ use palpate::device::Hand;
 use palpate::glam::DVec3;
 
 use super::geometry::Geometry;
+use super::grid::ScanCase;
 use palpate_measure::{Outcome, judge};
 
 use super::conditions::SampledWall;
@@ -227,6 +228,7 @@ fn cheap_maps_are_the_same_with_any_number_of_threads() {
     let made = [1, 3].map(|threads| {
         let folder = tempfile::tempdir().unwrap();
         let arguments = Arguments {
+            scans: Vec::new(),
             names: names.clone(),
             quick: true,
             out: folder.path().to_owned(),
@@ -252,5 +254,15 @@ fn cheap_maps_are_the_same_with_any_number_of_threads() {
         "**holds**: the wrench is always within what the device renders (0 of 20000 steps)",
     ] {
         assert!(page.contains(words), "{words} is not in {page}");
+    }
+}
+
+#[test]
+fn a_case_of_scans_is_read_as_it_is_written() {
+    let case: ScanCase = "ycb_mug.obj,femur_left.stl,0.001,50".parse().unwrap();
+    assert_eq!((case.held.as_str(), case.touched.as_str()), ("ycb_mug.obj", "femur_left.stl"));
+    assert_eq!((case.mass, case.rate, case.to_string().parse()), (1e-3, 50.0, Ok(case.clone())));
+    for wrong in ["", "a,b,1", "a,b,1,2,3", "a,b,one,2"] {
+        assert!(wrong.parse::<ScanCase>().is_err(), "{wrong}");
     }
 }

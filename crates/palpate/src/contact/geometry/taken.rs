@@ -16,9 +16,10 @@ use palpate_core::{Pose, Twist};
 use palpate_dynamics::{MAX_UNILATERAL, MotionBound, UnilateralContact};
 use palpate_field::ClosestPoint;
 
+use super::stepping::Points;
 use super::{
-    APART, CLEAR, ContactGeometry, Frames, MAX_REACHED, NEAR_PLACE, NearObject, Points, SAME_PLACE,
-    StepContacts, is_level,
+    APART, CLEAR, ContactGeometry, Frames, MAX_REACHED, NEAR_PLACE, NearObject, SAME_PLACE, StepContacts,
+    is_level,
 };
 use crate::contact::guarded_point::{GuardedPoint, Measured};
 

@@ -8,25 +8,16 @@
 use std::sync::Arc;
 
 use arrayvec::ArrayVec;
+use palpate_core::Pose;
 use palpate_core::glam::DVec3;
-use palpate_dynamics::{MAX_UNILATERAL, UnilateralContact};
+use palpate_dynamics::{BodyState, MAX_UNILATERAL, UnilateralContact};
 use palpate_field::ClosestPoint;
 
 use super::{
-    APART, CLEAR, ContactGeometry, MAX_OBJECTS, MAX_POINTS, NearObject, OBJECT_REACH, StepContacts, is_level,
+    APART, CLEAR, ContactGeometry, LANES, MAX_LOOKS, MAX_OBJECTS, MAX_POINTS, MAX_RESERVES, NearObject,
+    OBJECT_REACH, StepContacts, StepMotion, is_level,
 };
 use crate::contact::guarded_point::{Frames, GuardedPoint, Measured, Reserve, below};
-
-/// Number of numbers that are compared at once.
-pub(super) const LANES: usize = 8;
-
-/// Largest number of reserves: the nearest. With more, steps take longer; with fewer, minima of the distance
-/// that come near between points are met late.
-pub(crate) const MAX_RESERVES: usize = 4096;
-
-/// Largest number of reserves that a step measures. With more, steps take longer; with fewer, fast bodies
-/// among many others go into them.
-pub(super) const MAX_LOOKS: usize = 128;
 
 /// Largest number of points beside those in turn: as many that pushed as there may be, and as many from
 /// reserves.
@@ -90,6 +81,57 @@ pub(super) struct Reached<'a> {
     pub friction: f64,
     /// Index of the first contact with it.
     pub own: usize,
+}
+
+impl ContactGeometry {
+    /// Finds the contacts that a step from a state of the body may reach, with the scene's objects where they
+    /// are at its start. The impulses of the last step's contacts, `before`, are taken over.
+    ///
+    /// Points lose what the bodies have really moved, whatever the length of the steps: a host's steps vary,
+    /// and the velocity of this step may be that after a push.
+    pub fn contacts(
+        &mut self,
+        points: &mut Points,
+        state: &BodyState,
+        motion: &StepMotion,
+        before: &StepContacts,
+        found: &mut StepContacts,
+    ) {
+        found.clear();
+        found.radius = self.bound.radius;
+        let StepMotion { moved, reach, dt } = *motion;
+        let to_mesh = Pose::from_translation(-self.center_of_mass);
+        let mesh = state.pose * to_mesh;
+        let Self { probe, objects, margin, friction, reserves, .. } = self;
+        let near = points.pass(objects, (moved, reach, dt), reserves, found);
+        for (index, object) in objects.iter_mut().enumerate() {
+            object.before = object.pose;
+            let Some((own, woken, own_reserves)) = near.of(index, points) else { continue };
+            let frames = Frames::new((probe, &mesh), (&object.surface, &object.pose));
+            let ahead = object.speed * dt;
+            let at = Reached {
+                frames: if object.overlapped { frames.overlapping(*margin) } else { frames },
+                object,
+                reach: reach + OBJECT_REACH * ahead,
+                margin: *margin,
+                since: points.since(index),
+                ahead,
+                center: state.pose.translation,
+                friction: friction.static_coefficient,
+                own: found.contacts.len(),
+            };
+            own.iter().for_each(|key| points.meet(*key, &at, found));
+            woken.iter().for_each(|key| points.meet_woken(*key, &at, found));
+            own_reserves.iter().for_each(|place| points.look(*place, reserves, &at, found));
+        }
+        found.take_over(before, friction);
+    }
+
+    /// Takes into account that the bodies have moved since the query: the one in the hand by `moved` (m), and
+    /// the scene's by as much as they have been moved on here.
+    pub fn shift(&mut self, points: &mut Points, moved: f64) {
+        points.shift(&mut self.objects, moved);
+    }
 }
 
 impl Default for Points {
@@ -437,20 +479,6 @@ impl Reached<'_> {
     }
 }
 
-/// Copies at most so many, those of each object in turn.
-pub(crate) fn in_turn<T: Copy>(
-    (all, most): (&[T], usize),
-    objects: usize,
-    object_of: impl Fn(&T) -> u8,
-    to: &mut Vec<T>,
-) {
-    to.clear();
-    let all = &all[..all.len().min(most)];
-    for object in 0..objects {
-        to.extend(all.iter().filter(|one| usize::from(object_of(one)) == object));
-    }
-}
-
 /// Takes a motion (m) off all slacks, those from the index `first` on. Appends the indices of those within a
 /// reach (m), and returns the least of the others, m.
 fn pass<const N: usize>(
@@ -487,16 +515,14 @@ mod tests {
     use rand::rngs::StdRng;
     use rand::{RngExt as _, SeedableRng as _};
 
-    use palpate_core::Pose;
     use palpate_core::glam::DQuat;
-    use palpate_dynamics::BodyState;
     use palpate_field::{FeatureMesh, Leash};
 
-    use super::super::StepMotion;
     use super::super::taken::Taken;
     use super::super::tests::{geometry, without_points};
     use super::*;
-    use crate::contact::test_meshes::block;
+    use crate::contact::guarded_point::SEARCHES;
+    use crate::contact::test_meshes::{ball, block};
 
     /// Half an edge of a cube over a plate, its height over that, and the margin, m.
     const HALF: f64 = 0.01;
@@ -685,6 +711,58 @@ mod tests {
             }
             let most = 0.01 * heights.into_iter().fold(0.0, f64::max);
             assert!((copy.bound.room - (1.0 - most)).abs() < 1e-12, "{}", copy.bound.room);
+        }
+    }
+
+    /// Every deep point searched the whole surface in each measurement.
+    #[test]
+    fn deep_overlaps_are_searched_for_when_the_bodies_have_moved() {
+        const RADIUS: f64 = 0.02;
+        const DEPTH: f64 = 5e-3;
+        let mut rng = StdRng::seed_from_u64(0x5EA2);
+        let surface = Arc::new(FeatureMesh::new(&ball(RADIUS, 48)));
+        let below = DVec3::NEG_Z * (2.0 * RADIUS - DEPTH);
+        let mut made = without_points((&surface, &surface), [(below, 0.0)]);
+        (made.margin, made.bound.radius) = (1e-6, RADIUS);
+        // Places on both surfaces that are in the other one.
+        let points: Vec<GuardedPoint> = {
+            let frames = &made.frames(&Pose::IDENTITY)[0];
+            let point = |i: u32| {
+                let is_probe = i.is_multiple_of(2);
+                let down = if is_probe { DVec3::NEG_Z } else { DVec3::Z };
+                let turn = DQuat::from_rotation_arc(DVec3::Z, down);
+                let (around, aside) = (rng.random_range(-3.0..3.0), rng.random_range(0.0..0.3));
+                let at = turn * (DQuat::from_rotation_z(around) * DQuat::from_rotation_x(aside) * DVec3::Z);
+                let place = surface.place_near(at * RADIUS);
+                let leash = Leash { home: surface.position(&place), length: (0.02 * RADIUS) as f32 };
+                let within = (place, leash);
+                GuardedPoint::new(within, 0, is_probe, 0, (frames, 0.0))
+            };
+            (0..200).map(point).collect()
+        };
+        made.points = Arc::new(points);
+        for overlapped in [false, true] {
+            made.objects[0].overlapped = overlapped;
+            let (mut made, mut points) = (made.clone(), Points::default());
+            points.assign(&made);
+            let mut found = StepContacts::default();
+            // The number of searches for a point in 100 steps to and fro by a motion, m.
+            let mut searches = |motion: f64| {
+                SEARCHES.set(0);
+                for step in 0..100 {
+                    let at = DVec3::X * motion * f64::from(step % 2);
+                    let state = BodyState::at_rest(Pose::from_translation(at));
+                    let motion = StepMotion { moved: motion, reach: 1e-4, dt: 1e-3 };
+                    made.contacts(&mut points, &state, &motion, &StepContacts::default(), &mut found);
+                    assert!(points.guarded.iter().all(|point| point.slack < -2e-3), "all are deep");
+                }
+                f64::from(SEARCHES.get()) / points.guarded.len() as f64
+            };
+            // The first ones, and then none where they are at rest, or nearly so.
+            searches(0.0);
+            assert_eq!([searches(0.0), searches(1e-9)], [0.0; 2]);
+            let (slow, fast) = (searches(1e-5), searches(1e-4));
+            assert!(slow < 2.0 && (5.0..20.0).contains(&fast), "{slow}, {fast} searches for a point");
         }
     }
 }
