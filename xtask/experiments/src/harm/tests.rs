@@ -153,6 +153,9 @@ fn plain_scenes_feel_right() {
         0x45ee_8d51_20dc_08d5,
         // Held in free air, with 7.6 N, by objects that it had left behind.
         0xb13e_ad95_fd7e_f716,
+        // Went in by 0.06 mm where a point had left its start, and was pushed along a ridge that it passed.
+        0x8c53_387c_eadc_f9c2,
+        0x508c_817b_52a2_7a0d,
     ];
     let seeds = small.into_iter().chain(large);
     let harm = harmful(&Scenes, seeds.map(Genome::new));
