@@ -197,7 +197,8 @@ impl BodyContacts {
         known.advance(age);
         let others = joined.iter().filter(|other| !known.moves(other.id));
         known.bound.room -= others.fold(0.0, |gone: f64, other| gone.max(other.moved_in(age)));
-        known.shift(&mut self.points, known.bound.displacement(&state.pose));
+        let moved = known.bound.displacement(&state.pose);
+        self.points.shift(&mut known.objects, moved);
         self.points.carry(&carried);
         self.at = state.pose;
     }

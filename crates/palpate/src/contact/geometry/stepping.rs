@@ -126,12 +126,6 @@ impl ContactGeometry {
         }
         found.take_over(before, friction);
     }
-
-    /// Takes into account that the bodies have moved since the query: the one in the hand by `moved` (m), and
-    /// the scene's by as much as they have been moved on here.
-    pub fn shift(&mut self, points: &mut Points, moved: f64) {
-        points.shift(&mut self.objects, moved);
-    }
 }
 
 impl Default for Points {
@@ -196,7 +190,8 @@ impl Points {
         self.motions.get(object).copied().unwrap_or(0.0)
     }
 
-    /// Takes a motion of the body (m), and those of the objects, off all slacks.
+    /// Takes into account that the bodies have moved since the query: the one in the hand by `moved` (m), and
+    /// the scene's by as much as they have been moved on.
     pub fn shift(&mut self, objects: &mut [NearObject], moved: f64) {
         let Self { slacks, ends, reserve_slacks, reserve_ends, motions, .. } = self;
         let (mut first, mut first_reserve) = (0, 0);
@@ -393,8 +388,8 @@ impl Near {
     /// The points in turn, those beside them, and the reserves of an object; `None` if there is none.
     pub fn of(&self, index: usize, points: &Points) -> Option<(&[u16], &[u16], &[u16])> {
         let range = |ends: &[u16]| {
-            let first = index.checked_sub(1).map_or(0, |before| ends[before]);
-            ends.get(index).map(|end| first..*end)
+            let first = index.checked_sub(1).map_or(Some(&0), |before| ends.get(before))?;
+            ends.get(index).map(|end| *first..*end)
         };
         let own = |near: &'_ [u16], ends: &[u16]| {
             let range = range(ends)?;
@@ -703,8 +698,8 @@ mod tests {
             let before = points.clone();
             copy.bound.room = 1.0;
             copy.advance(0.01);
-            copy.shift(&mut points, 0.5);
-            copy.shift(&mut points, 0.0);
+            points.shift(&mut copy.objects, 0.5);
+            points.shift(&mut copy.objects, 0.0);
             for ((after, before), point) in points.slacks.iter().zip(&before.slacks).zip(&*points.guarded) {
                 let gone = 0.5 + 0.01 * heights[usize::from(point.object)];
                 assert!((f64::from(before - after) - gone).abs() < 1e-6, "{before} to {after}");

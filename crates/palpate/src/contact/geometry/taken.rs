@@ -146,7 +146,7 @@ impl ContactGeometry {
         }
         let known = found.near.len();
         self.wake_ahead(points, step, moved, found);
-        // Slow steps end where they started, but for what has come near unseen.
+        // A slow step meets nothing new at the points that are known.
         self.add_ahead(points, step, moved, if is_fast { 0 } else { known }, found)
     }
 
