@@ -70,6 +70,10 @@ const LONGER: f32 = 2.0;
 /// with less, cells stay coarse.
 const FINER: f64 = 0.9;
 
+/// Share of a point's slack from which that of its start need not be known better. With more, starts are
+/// measured that do not have to be; with less, steps measure more of them.
+const KNOWN: f32 = 0.8;
+
 /// Bit of the keys of features.
 const FEATURE: u64 = 1 << 63;
 
@@ -442,19 +446,17 @@ impl Guard {
         let mut left_out = f64::INFINITY;
         // Cells are made finer again where their points should fit: about as many of them are left as when
         // that was last tried, or else as now.
-        let now = self.left[self.coarseness as usize].unwrap_or((1.0, 1.0));
-        while self.coarseness > 0 {
-            let finer = self.coarseness as usize - 1;
-            self.choose(&Cells::new(limits.edge, self.coarseness - 1), MAX_CELLS);
-            let (all, near) = self.left[finer].unwrap_or(now);
+        if let Some(finer) = self.coarseness.checked_sub(1) {
+            self.choose(&Cells::new(limits.edge, finer), MAX_CELLS);
+            let now = self.left[self.coarseness as usize].unwrap_or((1.0, 1.0));
+            let (all, near) = self.left[finer as usize].unwrap_or(now);
             let fit = |cells: usize, left: f64, most: usize| cells as f64 * left <= FINER * most as f64;
             let fits =
                 fit(self.chosen.len(), all, MAX_POINTS) && fit(self.near_cells(limits.near), near, MAX_NEAR);
-            if !fits || self.are_too_many(limits.near) {
-                break;
-            }
-            self.coarseness -= 1;
+            self.coarseness -= u32::from(fits && !self.are_too_many(limits.near));
         }
+        // The shares of this query's cells, where they were tried.
+        let mut tried = (0.0, 0.0);
         loop {
             let cells = Cells::new(limits.edge, self.coarseness);
             let is_last = self.coarseness == MAX_COARSENESS;
@@ -467,7 +469,11 @@ impl Guard {
                     self.choose(&cells, most);
                 }
             }
-            if is_last || !self.are_too_many(limits.near) {
+            let left = |cells: usize, share: f64, most: usize| cells as f64 * share > most as f64;
+            let would_not_fit = left(self.near_cells(limits.near), tried.1, MAX_NEAR)
+                || left(self.chosen.len(), tried.0, MAX_POINTS)
+                    && room_at(self.coarseness, limits) == f64::INFINITY;
+            if is_last || !(self.are_too_many(limits.near) || would_not_fit) {
                 self.make(geometry, mesh, limits, &cells);
                 let mut near = self.near(limits.near);
                 if near > MAX_NEAR {
@@ -476,8 +482,8 @@ impl Guard {
                 }
                 let share = |left: usize, cells: usize| left as f64 / cells.max(1) as f64;
                 let of_near = share(near, self.near_cells(limits.near));
-                self.left[self.coarseness as usize] =
-                    Some((share(self.points.len(), self.chosen.len()), of_near));
+                tried = (share(self.points.len(), self.chosen.len()), of_near);
+                self.left[self.coarseness as usize] = Some(tried);
                 let fits = |next: &GuardedPoint| room_at(self.coarseness, limits) <= next.slack.into();
                 let all_fit = self.points.get(MAX_POINTS).is_none_or(fits);
                 if is_last || (all_fit && near <= MAX_NEAR) {
@@ -632,7 +638,7 @@ impl Guard {
             let least = (f64::from(start.distance - start.apart), hidden);
             let mut reserve = Reserve::new((on, leash), start.hint, is_probe, object, least);
             // Where it bounds the motion more than its point does, its distance has to be that of now.
-            if reserve.slack < made.point.slack {
+            if reserve.slack < KNOWN * made.point.slack {
                 reserve.slack = reserve.slack_at(reserve.closest(frames).distance);
             }
             reserves.push(reserve);
