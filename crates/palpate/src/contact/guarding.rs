@@ -75,11 +75,11 @@ const MIN_NEAR: f64 = 0.1;
 /// Number of distances that a query reads at most, for each second of the time between queries: so it takes
 /// less than that time, and the next one no longer for this one having been late. With fewer, what is new to
 /// a fast body waits for the next queries, and the body with it.
-const READINGS: f64 = 1e6;
+const READINGS: f64 = 1.5e6;
 
 /// Least and largest number of them.
-const MIN_READINGS: usize = 2048;
-const MAX_READINGS: usize = 16_384;
+const MIN_READINGS: usize = 4096;
+const MAX_READINGS: usize = 32_768;
 
 /// Share of them that is kept for starts that are known. With less, points start by older distances where
 /// much is new; with more, what is new waits.

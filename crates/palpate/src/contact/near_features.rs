@@ -1,26 +1,29 @@
 //! The convex features of two surfaces near each other, where guarded points start, and how far the bodies
 //! may move before any other feature could touch: first contacts are at convex features alone.
 //!
-//! Each body's features are in a [hierarchy](FeatureTree) of spheres, and those of long edges in halves of
+//! Each body's features are in a [hierarchy](palpate_field::FeatureTree) of spheres, and those of long edges in halves of
 //! them, and so on. A front through these is followed from query to query. Its regions within reach are
 //! starts; the others wait, in the order in which they could touch. A query takes up those whose turn it is:
 //! it reads a region's distance from the other surface at its centre, exactly, and makes it a start, divides
 //! it, or lets it wait for longer. It does so for a number of readings at most, and what it has not come to
 //! bounds the motion by a distance that is proved.
 
+mod flat_run;
+mod region;
+mod search;
+
 use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashMap};
 
-use arrayvec::ArrayVec;
 use foldhash::fast::FixedState;
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::MotionBound;
-use palpate_field::{FeatureMesh, FeatureNode, FeatureTree, Leash, Place};
+use palpate_field::{FeatureMesh, Leash, Place};
 
-/// Radius of spheres that one start stands for, as fractions of their distance and of the smallest cells'
-/// edge. With more, minima of the distance are missed; with less, there are more starts.
-const SHARE: (f64, f64) = (0.6, 0.5);
+use self::flat_run::{FLAT_STEP, FlatRun};
+use self::region::{Region, Sphere, Within, is_long};
+use self::search::{Nearest, Reading, SHARE, Search, Side};
 
 /// Radius of a sphere out of reach from which it is divided, as a fraction of its distance. With more, the
 /// bound on motion is far below the true distance; with less, more distances are read.
@@ -30,10 +33,6 @@ const COARSE: f64 = 0.25;
 const MERGED: f64 = 0.5 * COARSE;
 const MERGED_SHARE: f64 = 0.5 * SHARE.0;
 
-/// Motion after which the distance of a start is read again, as fractions of that distance and of the reach.
-/// With more, starts are chosen by older distances; with less, more distances are read.
-const STALE: (f64, f64) = (0.3, 0.05);
-
 /// Motion after which a distance out of reach is read again, as a fraction of it. With more, the bound on
 /// motion of a body that leaves a surface stays behind the true distance; with less, more distances are read.
 const WORN: f64 = 0.15;
@@ -42,29 +41,8 @@ const WORN: f64 = 0.15;
 /// the reach starts anew in each query; with more, there are more starts to go through.
 const LEFT: f64 = 2.0;
 
-/// Largest length of an edge over one flat part of the other surface that one start stands for, in edges of
-/// cells. With more, the surface may end between starts unseen; with less, edges that lie on faces have many
-/// contacts.
-const FLAT_LENGTH: f64 = 4.0;
-
-/// Length along an edge by which a point may leave its part of it, in edges of cells. With less, points stop
-/// where the edge goes on to come nearer; with more, they all come to where it is lowest.
-const ALONG: f64 = 4.0;
-
-/// Smallest cosine of the angle between faces of a flat part.
-const FLAT: f64 = 1.0 - 1e-9;
-
-/// Rounding of distances in single precision, as a fraction of them.
-const ROUNDING: f64 = 1e-6;
-
 /// Number of entries of regions that no longer wait beside those that do, from which they are taken out.
 const MAX_LOST: usize = 4096;
-
-/// Number of a part of an edge from which it is not divided.
-const LAST_PART: u32 = 1 << 30;
-
-/// Largest number of regions that one is divided into.
-const CHILDREN: usize = 4;
 
 /// A feature near the other surface.
 #[derive(Clone, Copy, Debug)]
@@ -115,26 +93,12 @@ pub(super) struct NearFeatures {
     moved: f64,
     /// The last of them, m; infinite if it is not known.
     since: f64,
-    /// Regions that may take the place of the starts below them in the next query.
-    whole: Vec<Region>,
-    /// Workspace: starts to read again, with what is left of their distances, m.
+    /// Regions that may take the place of the starts below them in the next query, with hints.
+    whole: Vec<(Region, u32)>,
+    /// Workspaces: starts to read again, with what is left of their distances, m; those on edges, by bodies,
+    /// edges and places on them.
     stale: Vec<(f32, u32)>,
-}
-
-/// Features of one body within a sphere.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-struct Region {
-    is_probe: bool,
-    within: Within,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-enum Within {
-    /// A node of the hierarchy of vertices, or of edges.
-    Vertices(u32),
-    Edges(u32),
-    /// A part of a long edge, by its node. The edge is part 1, and the halves of part i are 2 i and 2 i + 1.
-    Part(u32, u32),
+    edges: Vec<(bool, u32, f32, u32)>,
 }
 
 /// A region's place in the front.
@@ -142,20 +106,9 @@ enum Within {
 enum State {
     /// It waits until a motion (m).
     Waiting(f64),
-    /// A start with the hint of its last reading.
-    Start(u32),
+    Start,
     /// The front goes on below it.
     Divided,
-}
-
-/// The distance of a region's centre from the other surface.
-#[derive(Clone, Copy, Debug)]
-struct Reading {
-    /// m.
-    distance: f32,
-    hint: u32,
-    /// Motion at which it was read, m; NaN before.
-    at: f64,
 }
 
 /// A region that waits.
@@ -172,69 +125,10 @@ struct Waiting {
 struct Start {
     region: Region,
     reading: Reading,
-    /// Radius of the region, and how far its features are from its centre, m.
-    radius: f64,
-    extent: f64,
-    /// Whether it is a single vertex, or part of an edge over a flat part of the other surface.
-    is_single: bool,
-    is_flat: bool,
+    sphere: Sphere,
     /// Its nearest feature, and the reading there.
     nearest: Nearest,
     leash: Leash,
-}
-
-/// The feature of a region nearest to the other surface.
-#[derive(Clone, Copy, Debug)]
-struct Nearest {
-    place: Place,
-    /// m.
-    point: DVec3,
-    is_tip: bool,
-    reading: Reading,
-}
-
-/// The sphere around a region.
-#[derive(Clone, Copy, Debug)]
-struct Sphere {
-    center: DVec3,
-    radius: f64,
-    /// How far its features are from there, m: edges reach out of it.
-    extent: f64,
-    has_tip: bool,
-    is_single: bool,
-}
-
-/// One body's surface, and the other's.
-struct Side<'a> {
-    own: &'a FeatureMesh,
-    other: &'a FeatureMesh,
-    to_other: Pose,
-    to_own: Pose,
-}
-
-/// A query.
-struct Search<'a> {
-    /// The scene object's side, and the probe's.
-    sides: [Side<'a>; 2],
-    reaches: Reaches,
-    /// Sum of the motions so far, m.
-    moved: f64,
-    /// Number of readings that are left.
-    left: usize,
-}
-
-impl Reading {
-    /// No reading yet.
-    fn from(hint: u32) -> Self {
-        Self { distance: 0.0, hint, at: f64::NAN }
-    }
-
-    /// Distance, and how much the true one may differ from it, after motions of so much (m).
-    fn known(&self, moved: f64) -> (f64, f64) {
-        let gone = moved - self.at;
-        let distance = f64::from(self.distance);
-        (distance, if gone.is_nan() { f64::INFINITY } else { gone + ROUNDING * distance.abs() })
-    }
 }
 
 impl PartialEq for Waiting {
@@ -256,55 +150,6 @@ impl Ord for Waiting {
     fn cmp(&self, other: &Self) -> Ordering {
         other.until.total_cmp(&self.until).then_with(|| other.region.cmp(&self.region))
     }
-}
-
-impl Region {
-    /// The region above; `None` above a whole hierarchy.
-    fn above(&self, tree: &FeatureTree) -> Option<Self> {
-        let parent = |nodes: &[FeatureNode], node: u32| (node > 0).then(|| nodes[node as usize].parent);
-        let within = match self.within {
-            Within::Vertices(node) => Within::Vertices(parent(&tree.vertices, node)?),
-            Within::Edges(node) => Within::Edges(parent(&tree.edges, node)?),
-            Within::Part(node, 2 | 3) => Within::Edges(node),
-            Within::Part(node, part) => Within::Part(node, part / 2),
-        };
-        Some(Self { within, ..*self })
-    }
-
-    /// The regions below, of which edges are longer than `long` (m).
-    fn below(&self, tree: &FeatureTree, long: f64) -> ArrayVec<Self, CHILDREN> {
-        let Self { is_probe, within } = *self;
-        let region = |within: Within| Self { is_probe, within };
-        match within {
-            Within::Vertices(node) => tree.vertices[node as usize]
-                .children
-                .clone()
-                .map(|node| region(Within::Vertices(node)))
-                .collect(),
-            Within::Edges(node) if tree.edges[node as usize].children.is_empty() => {
-                [2, 3].map(|part| region(Within::Part(node, part))).into_iter().collect()
-            }
-            Within::Edges(node) => {
-                let is_long = |node: &u32| is_long(&tree.edges[*node as usize], long);
-                let below = tree.edges[node as usize].children.clone().filter(is_long);
-                below.map(|node| region(Within::Edges(node))).collect()
-            }
-            Within::Part(node, part) => {
-                [2 * part, 2 * part + 1].map(|part| region(Within::Part(node, part))).into_iter().collect()
-            }
-        }
-    }
-}
-
-/// Whether one of the edges in a node is longer than a length (m).
-fn is_long(node: &FeatureNode, long: f64) -> bool {
-    2.0 * node.extent > long
-}
-
-/// The shares of an edge at which a part of it begins and ends.
-fn ends_of_part(part: u32) -> [f64; 2] {
-    let parts = 1 << part.ilog2();
-    [part - parts, part - parts + 1].map(|end| f64::from(end) / f64::from(parts))
 }
 
 impl NearFeatures {
@@ -358,13 +203,27 @@ impl NearFeatures {
         self.read_again(&mut search);
         let left = search.left;
         let mut room = f64::INFINITY;
-        for start in &self.starts {
+        self.edges.clear();
+        for (index, start) in (0..).zip(&self.starts) {
             let near = start.near(self.moved);
-            if near.least <= reaches.reach {
-                to(&near);
-            } else {
+            if near.least > reaches.reach {
                 room = room.min(near.least);
+            } else if let Place::Edge(edge, at) = near.place {
+                self.edges.push((near.is_probe, edge, at, index));
+            } else {
+                to(&near);
             }
+        }
+        // Along each edge.
+        self.edges.sort_unstable_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)));
+        for edge in self.edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+            let mut run = FlatRun::default();
+            for (is_probe, .., index) in edge {
+                let near = self.starts[*index as usize].near(self.moved);
+                let normal = search.side(*is_probe).other.normal_of(near.hint);
+                run.add(near, normal, FLAT_STEP * reaches.edge, &mut to);
+            }
+            run.end(&mut to);
         }
         (room, left)
     }
@@ -408,8 +267,7 @@ impl NearFeatures {
         let Self { starts, front, waiting, moved, .. } = self;
         starts.retain(|start| {
             let least = start.least(*moved);
-            let is_small = start.is_single || search.is_small(start.radius, least);
-            let stands = if start.is_flat { !search.is_stale(&start.reading) } else { is_small };
+            let stands = start.sphere.is_single || search.is_small(start.sphere.radius, least);
             let is_kept = stands && least <= LEFT * search.reaches.reach;
             if !is_kept {
                 let until = *moved + least;
@@ -424,14 +282,11 @@ impl NearFeatures {
     fn make_whole(&mut self, search: &Search<'_>) {
         let mut whole = std::mem::take(&mut self.whole);
         let mut any = false;
-        for region in whole.drain(..) {
+        for (region, hint) in whole.drain(..) {
             let below = region.below(search.tree(region), search.reaches.long);
-            let hint_of = |below: &Region| match self.front.get(below) {
-                Some(State::Start(hint)) => Some(*hint),
-                _ => None,
-            };
-            let hints: Option<ArrayVec<u32, CHILDREN>> = below.iter().map(hint_of).collect();
-            let Some(hint) = hints.and_then(|hints| hints.first().copied()) else { continue };
+            if !below.iter().all(|below| self.front.get(below) == Some(&State::Start)) {
+                continue;
+            }
             for below in &below {
                 self.front.remove(below);
             }
@@ -442,7 +297,7 @@ impl NearFeatures {
         self.whole = whole;
         if any {
             let Self { starts, front, .. } = self;
-            starts.retain(|start| matches!(front.get(&start.region), Some(State::Start(_))));
+            starts.retain(|start| front.get(&start.region) == Some(&State::Start));
         }
     }
 
@@ -453,20 +308,12 @@ impl NearFeatures {
         let above = start.region.above(tree)?;
         let sphere = search.sphere(above);
         let (distance, apart) = start.reading.known(self.moved);
-        let least = distance - apart - sphere.center.distance(start.leash.home) - sphere.extent;
-        let is_far = sphere.radius <= MERGED_SHARE * least && search.is_one(above, &sphere, least);
-        let is_part = matches!(start.region.within, Within::Part(..));
-        let may_be_flat = is_part && search.may_be_flat(&sphere);
-        if !is_far && !may_be_flat {
+        let least = distance - apart - sphere.center.distance(start.sphere.center) - sphere.extent;
+        if sphere.radius > MERGED_SHARE * least || !search.is_one(above, &sphere, least) {
             return None;
         }
-        let normal = |hint: u32| search.side(above.is_probe).other.normal_of(hint);
-        let own = normal(start.reading.hint);
-        let fits = |below: &Region| match self.front.get(below) {
-            Some(State::Start(hint)) => is_far || normal(*hint).dot(own) > FLAT,
-            _ => false,
-        };
-        above.below(tree, search.reaches.long).iter().all(fits).then_some(above)
+        let is_start = |below: &Region| self.front.get(below) == Some(&State::Start);
+        above.below(tree, search.reaches.long).iter().all(is_start).then_some(above)
     }
 
     /// Takes up regions that wait until it is known how far the bodies may move, or no readings are left.
@@ -508,27 +355,13 @@ impl NearFeatures {
                 }
                 continue;
             }
-            let is_flat = search.is_flat(region, &sphere, &reading);
-            if is_flat || search.is_one(region, &sphere, least) {
+            if search.is_one(region, &sphere, least) {
                 let near =
                     point.unwrap_or_else(|| search.read(region.is_probe, sphere.center, reading.hint).1);
                 let nearest = search.nearest(region, &sphere, (&reading, near));
-                // Along an edge, points come to where it is lowest.
-                let is_edge = matches!(nearest.place, Place::Edge(..));
-                let along = if is_edge { ALONG * search.reaches.edge } else { 0.0 };
-                let leash = leash(sphere.center, sphere.extent + along);
-                let Sphere { radius, extent, is_single, .. } = sphere;
-                self.front.insert(region, State::Start(reading.hint));
-                self.starts.push(Start {
-                    region,
-                    reading,
-                    radius,
-                    extent,
-                    is_single,
-                    is_flat,
-                    nearest,
-                    leash,
-                });
+                let leash = leash(sphere.center, sphere.extent);
+                self.front.insert(region, State::Start);
+                self.starts.push(Start { region, reading, sphere, nearest, leash });
             } else {
                 self.divide(search, region, &sphere, &reading);
             }
@@ -599,12 +432,11 @@ impl NearFeatures {
         for (_, index) in &stale {
             let start = &mut self.starts[*index as usize];
             let region = start.region;
-            let (reading, near) = search.read(region.is_probe, start.leash.home, start.reading.hint);
+            let (reading, near) = search.read(region.is_probe, start.sphere.center, start.reading.hint);
             start.reading = reading;
-            start.nearest = search.nearest(region, &search.sphere(region), (&reading, near));
-            self.front.insert(region, State::Start(reading.hint));
+            start.nearest = search.nearest(region, &start.sphere, (&reading, near));
             let whole = self.whole_of(search, &self.starts[*index as usize]);
-            self.whole.extend(whole);
+            self.whole.extend(whole.map(|whole| (whole, reading.hint)));
         }
         self.stale = stale;
     }
@@ -627,7 +459,7 @@ impl Start {
     /// Lower bound on the distance of what it stands for, m.
     fn least(&self, moved: f64) -> f64 {
         let (distance, apart) = self.reading.known(moved);
-        distance - apart - self.extent
+        distance - apart - self.sphere.extent
     }
 
     fn near(&self, moved: f64) -> NearFeature {
@@ -635,132 +467,6 @@ impl Start {
         let (distance, apart) = reading.known(moved);
         let (is_probe, hint, least) = (self.region.is_probe, reading.hint, self.least(moved));
         NearFeature { place, is_probe, is_tip, point, distance, apart, least, leash, hint }
-    }
-}
-
-impl Search<'_> {
-    fn side(&self, is_probe: bool) -> &Side<'_> {
-        &self.sides[usize::from(is_probe)]
-    }
-
-    fn tree(&self, region: Region) -> &FeatureTree {
-        self.side(region.is_probe).own.tree()
-    }
-
-    fn sphere(&self, region: Region) -> Sphere {
-        let own = self.side(region.is_probe).own;
-        let tree = own.tree();
-        match region.within {
-            Within::Vertices(node) => {
-                let FeatureNode { center, radius, extent, has_tip, ref children, .. } =
-                    tree.vertices[node as usize];
-                // Edges reach out by half of their length, until another end stands for them.
-                let extent = radius + extent.min(0.5 * self.reaches.long);
-                Sphere { center, radius, extent, has_tip, is_single: children.is_empty() }
-            }
-            Within::Edges(node) => {
-                let FeatureNode { center, radius, .. } = tree.edges[node as usize];
-                Sphere { center, radius, extent: radius, has_tip: false, is_single: false }
-            }
-            Within::Part(node, part) => {
-                let [from, to] = own.ends_of(tree.edges[node as usize].feature);
-                let [first, last] = ends_of_part(part);
-                let (center, radius) =
-                    (from.lerp(to, 0.5 * (first + last)), 0.5 * (last - first) * from.distance(to));
-                Sphere { center, radius, extent: radius, has_tip: false, is_single: part >= LAST_PART }
-            }
-        }
-    }
-
-    /// Reads the distance of a point of one body (in its frame, m) from the other surface. Behind an open
-    /// surface it counts as positive: there is no inside. Returns the nearest point of that surface, too, in
-    /// the same frame.
-    fn read(&mut self, is_probe: bool, p: DVec3, hint: u32) -> (Reading, DVec3) {
-        self.left = self.left.saturating_sub(1);
-        let Side { other, to_other, to_own, .. } = self.side(is_probe);
-        let near = other.nearest_from(to_other.transform_point(p), hint);
-        let distance = if other.is_closed() { near.distance } else { near.distance.abs() };
-        let reading = Reading { distance: distance as f32, hint: near.hint, at: self.moved };
-        (reading, to_own.transform_point(near.point))
-    }
-
-    fn is_stale(&self, reading: &Reading) -> bool {
-        self.moved - reading.at > STALE.0 * f64::from(reading.distance).abs() + STALE.1 * self.reaches.reach
-    }
-
-    /// Whether one start may stand for a region at least so far away (m).
-    fn is_one(&self, region: Region, sphere: &Sphere, least: f64) -> bool {
-        let Sphere { radius, has_tip, is_single, .. } = *sphere;
-        let is_inner = |node: u32| !self.tree(region).edges[node as usize].children.is_empty();
-        match region.within {
-            Within::Edges(node) if is_inner(node) => false,
-            _ => is_single || !has_tip && self.is_small(radius, least),
-        }
-    }
-
-    fn is_small(&self, radius: f64, least: f64) -> bool {
-        radius <= (SHARE.0 * least).max(SHARE.1 * self.reaches.edge)
-    }
-
-    /// Whether a part of an edge is not too long for one over a flat part of the other surface, and too long
-    /// for others.
-    fn may_be_flat(&self, sphere: &Sphere) -> bool {
-        2.0 * sphere.radius <= FLAT_LENGTH * self.reaches.edge && !self.is_small(sphere.radius, 0.0)
-    }
-
-    /// Whether a part of an edge is over a flat part of the other surface: there, it is lowest at an end.
-    fn is_flat(&mut self, region: Region, sphere: &Sphere, reading: &Reading) -> bool {
-        let is_part = match region.within {
-            Within::Vertices(_) => false,
-            Within::Edges(node) => self.tree(region).edges[node as usize].children.is_empty(),
-            Within::Part(..) => true,
-        };
-        if !is_part || !self.may_be_flat(sphere) {
-            return false;
-        }
-        let below = region.below(self.tree(region), self.reaches.long);
-        let normal = |search: &Self, hint: u32| search.side(region.is_probe).other.normal_of(hint);
-        let own = normal(self, reading.hint);
-        below.iter().all(|below| {
-            let center = self.sphere(*below).center;
-            let (there, _) = self.read(region.is_probe, center, reading.hint);
-            normal(self, there.hint).dot(own) > FLAT
-        })
-    }
-
-    /// The feature of a region nearest to a point (own frame, m), with a reading there. That of the region's
-    /// centre is known.
-    fn nearest(&mut self, region: Region, sphere: &Sphere, (reading, to): (&Reading, DVec3)) -> Nearest {
-        let own = self.side(region.is_probe).own;
-        let tree = own.tree();
-        let on_edge = |node: u32, share: f64| {
-            let place = own.place_at(tree.edges[node as usize].feature, share);
-            Nearest { place, point: sphere.center, is_tip: false, reading: *reading }
-        };
-        let mut node = match region.within {
-            Within::Vertices(node) => node,
-            Within::Edges(node) => return on_edge(node, 0.5),
-            Within::Part(node, part) => {
-                let [first, last] = ends_of_part(part);
-                return on_edge(node, 0.5 * (first + last));
-            }
-        };
-        let nodes = &tree.vertices;
-        let apart = |node: &u32| {
-            let FeatureNode { center, radius, .. } = nodes[*node as usize];
-            center.distance(to) - radius
-        };
-        let below =
-            |node: u32| nodes[node as usize].children.clone().min_by(|a, b| apart(a).total_cmp(&apart(b)));
-        while let Some(nearer) = below(node) {
-            node = nearer;
-        }
-        let FeatureNode { center: point, has_tip: is_tip, feature, .. } = nodes[node as usize];
-        let reading = match sphere.is_single {
-            true => *reading,
-            false => self.read(region.is_probe, point, reading.hint).0,
-        };
-        Nearest { place: Place::Vertex(feature), point, is_tip, reading }
     }
 }
 
