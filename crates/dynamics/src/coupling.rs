@@ -18,9 +18,9 @@
 use glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
 
+use crate::algebra::rotation::{cross_columns, inverse_right_jacobian, skew, skew_skew};
 use crate::body::{Body, BodyState, principal_moments};
 use crate::jacobian::{Block6, WrenchJacobian, outer};
-use crate::rotation::{cross_columns, inverse_right_jacobian, skew, skew_skew};
 use crate::saturation::{angular_spring_energy, angular_spring_torque, spring_energy, spring_force};
 
 /// Pose and twist of the haptic device in the virtual world.

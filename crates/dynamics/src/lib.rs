@@ -49,39 +49,34 @@
 //! # Ok::<(), palpate_dynamics::BodyError>(())
 //! ```
 
+mod algebra;
 mod articulated;
-mod blend;
 mod body;
 mod constrained_motion;
-mod contact;
+mod constraint;
 mod coupling;
 #[cfg(test)]
 mod differences;
-mod eigen;
 mod integrators;
 mod jacobian;
-mod linear_solve;
 mod mapping;
 mod passivity;
+mod penalty;
 mod port;
-mod rotation;
 mod saturation;
 mod step;
 mod system;
-mod unilateral;
 
 pub use articulated::{
     ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, ConstrainedToolStep,
     GripperCoupling, GripperMotion, Joint, JointError, JointLimits, MAX_ARTICULATED_SOLVES, articulated_step,
     constrained_articulated_step,
 };
-pub use blend::ContactBlend;
 pub use body::{Body, BodyError, BodyState};
 pub use constrained_motion::{MotionLimit, constrained_motion};
-pub use contact::{
-    ContactClass, ContactParameters, ContactPatch, ContactResponse, CurvedContact, FoundContact, Friction,
-    FrictionAnchor, LinearContactModel, MAX_APPROACHING, MAX_CLUSTERS, MAX_CONSTRAINTS, MovingBody,
-    PlaneConstraint, SurfaceMotion,
+pub use constraint::{
+    ConstrainedStep, Constraint, HostState, MAX_CONSTRAINTS, MotionBound, PushedBody, Recovery,
+    constrained_step,
 };
 pub use coupling::{CouplingResponse, DeviceMotion, VirtualCoupling};
 #[cfg(feature = "integrators")]
@@ -92,10 +87,11 @@ pub use integrators::{Integrator, SemiImplicit};
 pub use jacobian::{Block6, WrenchJacobian};
 pub use mapping::DeviceMapping;
 pub use passivity::{PassivityController, PassivityObserver};
+pub use penalty::{
+    ContactBlend, ContactClass, ContactParameters, ContactPatch, ContactResponse, CurvedContact,
+    FoundContact, Friction, FrictionAnchor, LinearContactModel, MAX_APPROACHING, MAX_CLUSTERS,
+    MAX_PENALTY_CONTACTS, MovingBody, PenaltyContact, SurfaceMotion,
+};
 pub use port::{LONGEST_LAG, PortAxes, PortLimits, Sampling};
 pub use saturation::{SlewLimit, angular_spring_torque, saturate, spring_force};
 pub use step::{Frame, MAX_SOLVES, Step, StepFailure, StepStatus, semi_implicit_step};
-pub use unilateral::{
-    ConstrainedStep, HostState, MAX_UNILATERAL, MotionBound, PushedBody, Recovery, UnilateralContact,
-    constrained_step,
-};

@@ -3,8 +3,8 @@
 
 use glam::{DMat3, DVec3, Vec3Swizzles as _};
 
-use crate::linear_solve::{solve, solve_definite};
-use crate::rotation::skew;
+use crate::algebra::linear_solve::{solve, solve_definite};
+use crate::algebra::rotation::skew;
 
 /// The matrix and right-hand side of a linear system.
 #[derive(Clone, Copy)]
@@ -133,9 +133,9 @@ mod tests {
     use rand::{SeedableRng as _, rngs::StdRng};
 
     use super::*;
+    use crate::algebra::rotation::skew_skew;
     use crate::differences::{random_twist, random_vector};
     use crate::jacobian::outer;
-    use crate::rotation::skew_skew;
 
     #[test]
     fn lateral_dampers_resist_the_motion_of_their_points() {

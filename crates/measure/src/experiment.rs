@@ -155,7 +155,7 @@ impl Experiment<'_> {
                 let body = *haptic.body_state();
                 let mut update = contact.step(&body, now);
                 let took = begun.elapsed().as_secs_f64();
-                queries.push(Query { time: now, body, clusters: update.model.constraints().len(), took });
+                queries.push(Query { time: now, body, clusters: update.model.contacts().len(), took });
                 if *frozen {
                     update.model = crate::frozen::frozen(&update.model, haptic.body_state());
                 }

@@ -1,6 +1,6 @@
 //! A contact model with constant force, for comparison with the linear model.
 
-use palpate::dynamics::{BodyState, LinearContactModel, PlaneConstraint, SurfaceMotion};
+use palpate::dynamics::{BodyState, LinearContactModel, PenaltyContact, SurfaceMotion};
 use palpate::glam::DMat3;
 
 /// Stiffness of the springs, N/m. It is so small that no motion changes their force; with a stiffer spring
@@ -16,21 +16,21 @@ const SPRING_STIFFNESS: f64 = 1e-6;
 pub fn frozen(model: &LinearContactModel, state: &BodyState) -> LinearContactModel {
     let mut frozen = LinearContactModel::empty(&state.pose, model.time());
     let rotation = DMat3::from_quat(state.pose.rotation);
-    for constraint in model.constraints() {
-        let arm = rotation * constraint.point;
+    for contact in model.contacts() {
+        let arm = rotation * contact.point;
         let scene_point = state.pose.translation + arm;
-        let depth = (scene_point - constraint.scene_point).dot(constraint.normal);
-        let rate = (state.twist.velocity_at(arm) - constraint.surface.velocity).dot(constraint.normal);
-        let overlap = depth + constraint.tolerance;
-        let force = constraint.stiffness * overlap + constraint.damping * rate;
+        let depth = (scene_point - contact.scene_point).dot(contact.normal);
+        let rate = (state.twist.velocity_at(arm) - contact.surface.velocity).dot(contact.normal);
+        let overlap = depth + contact.tolerance;
+        let force = contact.stiffness * overlap + contact.damping * rate;
         if overlap > 0.0 && force > 0.0 {
-            frozen.push_constraint(PlaneConstraint {
+            frozen.push_contact(PenaltyContact {
                 stiffness: SPRING_STIFFNESS,
                 damping: 0.0,
                 tolerance: force / SPRING_STIFFNESS,
                 scene_point,
-                surface: SurfaceMotion { object: constraint.surface.object, ..SurfaceMotion::STILL },
-                ..*constraint
+                surface: SurfaceMotion { object: contact.surface.object, ..SurfaceMotion::STILL },
+                ..*contact
             });
         }
     }

@@ -257,7 +257,7 @@ fn render(scenario: &Scenario, settings: Settings, every: usize) -> Result<Measu
             let update = contact.step(haptic.body_state(), now);
             if update.contacts > 0 {
                 durations.push(1e6 * begun.elapsed().as_secs_f64());
-                planes.push(update.model.constraints().len() as f64);
+                planes.push(update.model.contacts().len() as f64);
             }
             waiting = Some(update);
         }

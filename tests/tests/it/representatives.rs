@@ -77,7 +77,7 @@ fn a_model_pushes_by_the_force_law() {
         pushed += 1;
         assert!(found.force.distance(wanted.force) < 1e-6 * size, "step {step}: {found:?} for {wanted:?}");
         torque_off = torque_off.max(found.torque.distance(wanted.torque) / (size * probe.bounding_radius()));
-        assert!(update.model.constraints().len() <= settings.search.clusters);
+        assert!(update.model.contacts().len() <= settings.search.clusters);
     }
     assert!(pushed > 20, "{pushed} poses pushed");
     assert!(torque_off < 0.05, "a lever of {torque_off} radii is missing");

@@ -1,4 +1,4 @@
-//! One haptic frame of a tool with unilateral contacts of both bodies, as [`constrained_step`] takes it for
+//! One haptic frame of a tool with constraints of both bodies, as [`constrained_step`] takes it for
 //! one body: with impulses p_i of the contacts of body i, in the coordinates u = (V, ω, q̇),
 //!
 //! A Δu = b − Σ J_iᵀ N_iᵀ p_i,
@@ -15,21 +15,21 @@ use super::coordinates::{Follower, Motion};
 use super::step::with_system;
 use super::tool_system::ToolSolution;
 use super::{ArticulatedFrame, ArticulatedState, ArticulatedStep};
-use crate::step::StepFailure;
-use crate::system::six;
-use crate::unilateral::tool::{
+use crate::constraint::tool::{
     Moved, Pushed, Rows, SHALLOW, Solver, Vector, allowed, changed, choose, mobility_factor, next_recovery,
     push_row, scaled, share, wrench,
 };
-use crate::unilateral::{MAX_UNILATERAL, MotionBound, PushedBody, Recovery, UnilateralContact};
+use crate::constraint::{Constraint, MAX_CONSTRAINTS, MotionBound, PushedBody, Recovery};
+use crate::step::StepFailure;
+use crate::system::six;
 
 /// Largest number of contacts of one body whose impulses a step finds.
-const MOST: usize = MAX_UNILATERAL / 2;
+const MOST: usize = MAX_CONSTRAINTS / 2;
 
-/// Outcome of a step of a tool with unilateral contacts.
+/// Outcome of a step of a tool with constraints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConstrainedToolStep {
-    /// The step; its contact wrenches are those of the unilateral and of the penalty contacts.
+    /// The step; its contact wrenches are those of the constraints and of the penalty contacts.
     pub step: ArticulatedStep,
     /// Whether the step was shortened, by a bound on motion or for contacts that were not solved for.
     pub held_back: bool,
@@ -64,7 +64,7 @@ impl Linked<'_> {
 }
 
 impl<const N: usize> Moved<N> for Linked<'_> {
-    fn row(&self, index: usize, contact: &UnilateralContact, axis: DVec3) -> Vector<N> {
+    fn row(&self, index: usize, contact: &Constraint, axis: DVec3) -> Vector<N> {
         let body = self.body(index);
         let mut row = [0.0; N];
         let (own, others) = row.split_at_mut(7);
@@ -79,7 +79,7 @@ impl<const N: usize> Moved<N> for Linked<'_> {
 }
 
 /// Advances a tool by `dt` (s) as [`articulated_step`](super::articulated_step) does, without passing the
-/// surfaces of unilateral `contacts` of the first body and of the second, and no further than their `bounds`.
+/// surfaces of `contacts` that are constraints of the first body and of the second, and no further than their `bounds`.
 /// Updates the contacts' impulses. The contacts' arms are from their body's centre of mass. `recovery` is as
 /// in [`constrained_step`](crate::constrained_step).
 ///
@@ -87,7 +87,7 @@ impl<const N: usize> Moved<N> for Linked<'_> {
 pub fn constrained_articulated_step(
     frame: &ArticulatedFrame<'_>,
     state: &ArticulatedState,
-    contacts: [&mut [UnilateralContact]; 2],
+    contacts: [&mut [Constraint]; 2],
     pushed: &[PushedBody],
     bounds: &[MotionBound; 2],
     recovery: &Recovery,
@@ -113,7 +113,7 @@ pub fn constrained_articulated_step(
             let times = (dt, recovery);
             let passed = [choose(first, MOST, &free[0], times), choose(second, MOST, &free[1], times)];
             let (of_first, of_second) = (first.len().min(MOST), second.len().min(MOST));
-            let mut solved = ArrayVec::<UnilateralContact, MAX_UNILATERAL>::new();
+            let mut solved = ArrayVec::<Constraint, MAX_CONSTRAINTS>::new();
             solved.extend(first[..of_first].iter().chain(&second[..of_second]).copied());
             let moved = Linked {
                 free,
@@ -169,7 +169,7 @@ pub fn constrained_articulated_step(
 /// Finds the impulses of contacts in a step of `dt` (s) with a largest recovery velocity (m/s), and the depth
 /// of shallow overlaps (m). Returns what they take off the tool's motion, and whether they converged.
 fn find<const N: usize>(
-    contacts: &mut [UnilateralContact],
+    contacts: &mut [Constraint],
     moved: &Linked<'_>,
     times: (f64, f64, f64),
 ) -> (Motion, bool) {

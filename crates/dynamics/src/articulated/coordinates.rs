@@ -4,8 +4,8 @@ use glam::{DMat3, DVec3};
 use palpate_core::Twist;
 
 use super::linkage::Linkage;
-use crate::linear_solve::{solve, solve_definite};
-use crate::rotation::{skew, skew_skew};
+use crate::algebra::linear_solve::{solve, solve_definite};
+use crate::algebra::rotation::{skew, skew_skew};
 use crate::system::{Linear, six};
 
 /// A 6×7 matrix that takes (V, ω, q̇) to a body's twist.

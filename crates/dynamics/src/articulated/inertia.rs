@@ -12,8 +12,8 @@
 use glam::{DMat3, DVec3};
 
 use super::linkage::Linkage;
+use crate::algebra::rotation::cross_columns;
 use crate::jacobian::outer;
-use crate::rotation::cross_columns;
 
 /// Inertia of both bodies about their centre of mass, in world axes.
 #[derive(Clone, Copy, Debug)]

@@ -43,8 +43,8 @@ use palpate_core::{Pose, Wrench};
 use super::tool_system::{ToolSolution, ToolSystem, stop_torque};
 use super::{ArticulatedBody, ArticulatedState, GripperCoupling, GripperMotion};
 use crate::body::{Body, BodyState};
-use crate::contact::LinearContactModel;
 use crate::coupling::{DeviceMotion, VirtualCoupling};
+use crate::penalty::LinearContactModel;
 use crate::step::{Frame, StepFailure, StepStatus, System};
 
 /// The tool and all that acts on it during a step.

@@ -7,17 +7,17 @@ use super::coordinates::{Follower, Linear7, Motion, seven};
 use super::inertia::CompositeInertia;
 use super::linkage::Linkage;
 use super::{ArticulatedBody, ArticulatedFrame, ArticulatedState};
+use crate::algebra::linear_solve::is_positive_definite;
+use crate::algebra::rotation::{cross_columns, exponential};
 use crate::body::BodyState;
-use crate::contact::MAX_CONSTRAINTS;
 use crate::jacobian::outer;
-use crate::linear_solve::is_positive_definite;
-use crate::rotation::{cross_columns, exponential};
+use crate::penalty::MAX_PENALTY_CONTACTS;
 use crate::step::{FREE_SOLVES, StepStatus, System};
 use crate::system::cross_sum;
 
 /// Largest number of 7×7 systems that one step solves: the free ones, one for each contact and stop that
 /// may leave, and the last.
-pub const MAX_ARTICULATED_SOLVES: u32 = FREE_SOLVES + 2 * MAX_CONSTRAINTS as u32 + 2 + 1;
+pub const MAX_ARTICULATED_SOLVES: u32 = FREE_SOLVES + 2 * MAX_PENALTY_CONTACTS as u32 + 2 + 1;
 
 /// One of the hinge's two stops.
 #[derive(Clone, Copy)]

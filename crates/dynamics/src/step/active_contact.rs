@@ -4,7 +4,7 @@ use glam::DVec3;
 use palpate_core::Twist;
 
 use crate::body::BodyState;
-use crate::contact::{ContactState, FrictionForce, PlaneConstraint, Strain};
+use crate::penalty::{ContactState, FrictionForce, PenaltyContact, Strain};
 
 /// A contact in the step's linear systems. D = (direction, moment) is the direction of its wrench, and δ̇ = D
 /// · (v, ω).
@@ -47,7 +47,7 @@ impl FrictionTerm {
     /// at the start, N.
     #[inline(always)]
     fn new(
-        c: &PlaneConstraint,
+        c: &PenaltyContact,
         at: &ContactState,
         state: &BodyState,
         [force, at_start]: [f64; 2],
@@ -63,7 +63,7 @@ impl FrictionTerm {
 
     /// s after the strain rate has changed by `gained` (m/s), in a contact that pushes with `force` (N).
     #[inline(always)]
-    pub fn share_after(&self, gained: &Strain, c: &PlaneConstraint, force: f64, dt: f64) -> f64 {
+    pub fn share_after(&self, gained: &Strain, c: &PenaltyContact, force: f64, dt: f64) -> f64 {
         let trial = self.trial.plus(&gained.scaled(c.stiffness * dt + c.damping));
         c.friction.share(&trial, &self.slide.plus(gained), force)
     }
@@ -72,7 +72,7 @@ impl FrictionTerm {
 impl ActiveContact {
     #[inline(always)]
     pub(super) fn new(
-        c: &PlaneConstraint,
+        c: &PenaltyContact,
         at: &ContactState,
         state: &BodyState,
         dt: f64,

@@ -5,8 +5,8 @@ use palpate_core::Pose;
 
 use super::outcome::{Step, StepFailure, StepStatus};
 use crate::body::{Body, BodyState};
-use crate::contact::LinearContactModel;
 use crate::coupling::{DeviceMotion, VirtualCoupling};
+use crate::penalty::LinearContactModel;
 
 /// The body and all that acts on it during a step.
 #[derive(Clone, Copy, Debug)]

@@ -15,7 +15,7 @@
 //! In full, it conserves the momentum of a free body to second order, and a free body gains energy only by
 //! the error of the linearisation (the test in `tests/motion.rs` allows 1e-6 of it a step, at 100 rad/s).
 //!
-//! # Unilateral contact
+//! # Active contacts
 //!
 //! A contact is in the system, with its spring and damper linearised at the start, if the linear system
 //! predicts that at the *end* of the step it is both closed (δ + d > 0, or braking before) and pushing (λ >
@@ -59,8 +59,8 @@ use glam::DVec3;
 use palpate_core::Twist;
 
 use crate::body::{Body, BodyState};
-use crate::contact::LinearContactModel;
 use crate::coupling::{DeviceMotion, VirtualCoupling};
+use crate::penalty::LinearContactModel;
 
 pub use frame::Frame;
 pub use outcome::{Step, StepFailure, StepStatus};

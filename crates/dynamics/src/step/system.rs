@@ -7,11 +7,11 @@ use palpate_core::{Twist, Wrench};
 use super::active_contact::ActiveContact;
 use super::frame::Frame;
 use super::outcome::StepStatus;
+use crate::algebra::linear_solve::is_positive_definite;
+use crate::algebra::rotation::{cross_columns, exponential};
 use crate::body::BodyState;
-use crate::contact::{LinearContactModel, MAX_CONSTRAINTS, PlaneConstraint, Strain};
 use crate::jacobian::outer;
-use crate::linear_solve::is_positive_definite;
-use crate::rotation::{cross_columns, exponential};
+use crate::penalty::{LinearContactModel, MAX_PENALTY_CONTACTS, PenaltyContact, Strain};
 use crate::system::{Lateral, Linear, cross_sum, six};
 
 /// Number of solves in which contacts may both join and leave the active set. With fewer, contacts that close
@@ -20,7 +20,7 @@ pub(crate) const FREE_SOLVES: u32 = 6;
 
 /// Largest number of 6×6 systems that one step solves: the free ones, one for each contact that may leave,
 /// and the last.
-pub const MAX_SOLVES: u32 = FREE_SOLVES + MAX_CONSTRAINTS as u32 + 1;
+pub const MAX_SOLVES: u32 = FREE_SOLVES + MAX_PENALTY_CONTACTS as u32 + 1;
 
 /// Relative change of a friction share, from solve to solve, below which it has converged. With less, steps
 /// with sliding contacts take more solves.
@@ -43,7 +43,7 @@ pub(crate) struct System<'a> {
     rotation: DMat3,
     state: &'a BodyState,
     /// All contacts, from which the active set is chosen. Stored by the caller, since it is large.
-    candidates: &'a mut ArrayVec<ActiveContact, MAX_CONSTRAINTS>,
+    candidates: &'a mut ArrayVec<ActiveContact, MAX_PENALTY_CONTACTS>,
     /// Bit i is set if contact i is closed at the start.
     pub closed_at_start: u64,
     dt: f64,
@@ -72,7 +72,7 @@ impl<'a> System<'a> {
         &Frame { body, device, coupling, contacts, gravity }: &Frame<'a>,
         state: &'a BodyState,
         dt: f64,
-        candidates: &'a mut ArrayVec<ActiveContact, MAX_CONSTRAINTS>,
+        candidates: &'a mut ArrayVec<ActiveContact, MAX_PENALTY_CONTACTS>,
     ) -> Self {
         let rotation = DMat3::from_quat(state.pose.rotation);
         let inertia = rotation * body.inertia * rotation.transpose();
@@ -118,7 +118,7 @@ impl<'a> System<'a> {
         let mut pushing = 0;
         self.closed_at_start = 0;
         self.candidates.clear();
-        for (i, c) in self.contacts.constraints().iter().enumerate() {
+        for (i, c) in self.contacts.contacts().iter().enumerate() {
             let at = self.contacts.at(i, self.state, &self.rotation);
             self.closed_at_start |= u64::from(c.stiffness_at(at.overlap).is_some()) << i;
             let contact = ActiveContact::new(c, &at, self.state, self.dt, self.geometric);
@@ -129,8 +129,8 @@ impl<'a> System<'a> {
     }
 
     /// The contacts of a set with their planes.
-    fn active(&self, active: u64) -> impl Iterator<Item = (&PlaneConstraint, &ActiveContact)> {
-        let all = self.contacts.constraints().iter().zip(&*self.candidates).enumerate();
+    fn active(&self, active: u64) -> impl Iterator<Item = (&PenaltyContact, &ActiveContact)> {
+        let all = self.contacts.contacts().iter().zip(&*self.candidates).enumerate();
         all.filter(move |(i, _)| active & (1 << i) != 0).map(|(_, contact)| contact)
     }
 
@@ -189,7 +189,7 @@ impl<'a> System<'a> {
     #[inline(always)]
     fn add_contact(
         &self,
-        c: &PlaneConstraint,
+        c: &PenaltyContact,
         p: &ActiveContact,
         linear: &mut Linear,
         lateral: &mut Lateral,
@@ -225,9 +225,9 @@ impl<'a> System<'a> {
     fn add_curvature(&self, active: u64, linear: &mut Linear) {
         let h = self.dt;
         let terms = self.contacts.curvature_terms().iter();
-        for term in terms.filter(|term| active & (1 << term.constraint) != 0) {
+        for term in terms.filter(|term| active & (1 << term.contact) != 0) {
             let at = term.at(self.state);
-            let gain = h * h * at.curvature * self.candidates[term.constraint].force.max(0.0);
+            let gain = h * h * at.curvature * self.candidates[term.contact].force.max(0.0);
             let row = six(at.linear * gain, at.angular * gain);
             linear.add_along(&six(at.linear, at.angular), &row);
             let rate = at.rate(&self.state.twist);
@@ -256,7 +256,7 @@ impl<'a> System<'a> {
     pub fn predict(&mut self, change: &Twist) -> (u64, u64) {
         let (mut pushing, mut closed) = (0, 0);
         self.shares_converged = true;
-        for (i, (c, p)) in self.contacts.constraints().iter().zip(&mut *self.candidates).enumerate() {
+        for (i, (c, p)) in self.contacts.contacts().iter().zip(&mut *self.candidates).enumerate() {
             let rate = p.rate_of(change);
             let gain = self.dt * p.stiffness + c.damping;
             let is_closed = c.stiffness_at(p.overlap + self.dt * rate).is_some();

@@ -3,10 +3,10 @@ use palpate_core::{Contact, Wrench};
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
 
 use super::*;
-use crate::contact::Friction;
-use crate::contact::{ContactParameters, MAX_CLUSTERS};
+use crate::algebra::rotation::skew;
 use crate::differences::{derivative, largest, random_pose, random_twist, random_vector};
-use crate::rotation::skew;
+use crate::penalty::Friction;
+use crate::penalty::{ContactParameters, MAX_CLUSTERS};
 
 /// An inertia like that of a solid of uneven shape, turned to arbitrary axes.
 fn random_inertia(rng: &mut StdRng, size: f64) -> DMat3 {

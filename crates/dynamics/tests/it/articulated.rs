@@ -6,9 +6,9 @@
 use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose, Twist, Wrench};
 use palpate_dynamics::{
-    ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, Body, BodyState, ContactParameters,
-    DeviceMotion, Frame, Friction, GripperCoupling, GripperMotion, Joint, JointLimits, LinearContactModel,
-    MAX_ARTICULATED_SOLVES, MotionBound, PlaneConstraint, Recovery, StepFailure, UnilateralContact,
+    ArticulatedBody, ArticulatedFrame, ArticulatedState, ArticulatedStep, Body, BodyState, Constraint,
+    ContactParameters, DeviceMotion, Frame, Friction, GripperCoupling, GripperMotion, Joint, JointLimits,
+    LinearContactModel, MAX_ARTICULATED_SOLVES, MotionBound, PenaltyContact, Recovery, StepFailure,
     VirtualCoupling, articulated_step, constrained_articulated_step, constrained_step, semi_implicit_step,
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
@@ -512,13 +512,13 @@ fn with_its_hinge_held_the_tool_moves_as_one_body() {
         let from_first = |point: DVec3| point - centre;
         let mut contacts = LinearContactModel::empty(&state.first.pose, 0.0);
         let axes = state.first.pose.rotation;
-        for c in scene.contacts[0].constraints() {
-            contacts.push_constraint(PlaneConstraint { point: from_first(c.point), ..*c });
+        for c in scene.contacts[0].contacts() {
+            contacts.push_contact(PenaltyContact { point: from_first(c.point), ..*c });
         }
-        for c in scene.contacts[1].constraints() {
-            let mut c = PlaneConstraint { point: from_first(second.transform_point(c.point)), ..*c };
+        for c in scene.contacts[1].contacts() {
+            let mut c = PenaltyContact { point: from_first(second.transform_point(c.point)), ..*c };
             c.anchor.rotation = axes;
-            contacts.push_constraint(c);
+            contacts.push_contact(c);
         }
         let (mut pushed, mut off, mut apart) = (false, 0.0_f64, 0.0);
         for _ in 0..2000 {
@@ -874,9 +874,9 @@ fn unusable_inputs_are_refused() {
     assert!(taken > 1000 && cases - taken > 1000);
 }
 
-/// Unilateral contacts of a body at a pose, with gaps that a step may close, and overlaps.
-fn random_unilateral(rng: &mut StdRng, count: usize, friction: f64) -> Vec<UnilateralContact> {
-    let random = |rng: &mut StdRng| UnilateralContact {
+/// Constraints of a body at a pose, with gaps that a step may close, and overlaps.
+fn random_constraints(rng: &mut StdRng, count: usize, friction: f64) -> Vec<Constraint> {
+    let random = |rng: &mut StdRng| Constraint {
         arm: random_vector(rng, 0.03),
         normal: random_vector(rng, 1.0).normalize(),
         gap: rng.random_range(-2e-5..1e-4),
@@ -891,7 +891,7 @@ fn random_unilateral(rng: &mut StdRng, count: usize, friction: f64) -> Vec<Unila
 
 const NO_BOUNDS: [MotionBound; 2] = [MotionBound::NONE; 2];
 
-/// A tool whose hinge is held moves as one body does under the same unilateral contacts.
+/// A tool whose hinge is held moves as one body does under the same constraints.
 #[test]
 fn with_its_hinge_held_a_tool_meets_surfaces_as_one_body() {
     let seed = 131;
@@ -903,9 +903,9 @@ fn with_its_hinge_held_a_tool_meets_surfaces_as_one_body() {
         let Whole { scene, body, centre, coupling: one, state: whole } =
             Whole::random(&mut rng, tool, &state, (1e9, 1e7));
         let friction = [0.0, 0.3][case % 2];
-        let [mut first, mut second] = [0, 1].map(|_| random_unilateral(&mut rng, 4, friction));
+        let [mut first, mut second] = [0, 1].map(|_| random_constraints(&mut rng, 4, friction));
         let from_centre = |center: DVec3| {
-            move |contact: &UnilateralContact| UnilateralContact {
+            move |contact: &Constraint| Constraint {
                 arm: contact.arm + center - whole.pose.translation,
                 ..*contact
             }
@@ -966,7 +966,7 @@ fn blades_that_close_do_not_pass() {
     let (mut deepest, mut force) = (f64::INFINITY, 0.0);
     for _ in 0..1000 {
         let second = tool.second(&state).pose.translation;
-        let mut contacts = [UnilateralContact {
+        let mut contacts = [Constraint {
             arm: DVec3::ZERO,
             normal: along,
             gap: (surface - second).dot(along),
@@ -1011,7 +1011,7 @@ fn blades_in_a_press_fit_stay_and_blades_that_overlap_what_they_grip_open() {
         let second = tool.second(state).pose.translation;
         -axis.cross(second - hinge).normalize()
     };
-    let wall = |side: f64, along: DVec3, overlap: f64, off: f64| UnilateralContact {
+    let wall = |side: f64, along: DVec3, overlap: f64, off: f64| Constraint {
         arm: DVec3::ZERO,
         normal: (along * side + axis * off).normalize(),
         gap: -overlap,

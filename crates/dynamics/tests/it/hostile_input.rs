@@ -6,7 +6,7 @@ use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose, Twist, Wrench};
 use palpate_dynamics::{
     Body, BodyState, ContactParameters, DeviceMotion, Frame, Friction, FrictionAnchor, Integrator,
-    IntegratorKind, LinearContactModel, MAX_SOLVES, PlaneConstraint, Step, StepFailure, SurfaceMotion,
+    IntegratorKind, LinearContactModel, MAX_SOLVES, PenaltyContact, Step, StepFailure, SurfaceMotion,
     VirtualCoupling,
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::StdRng};
@@ -150,16 +150,16 @@ fn unusable_gains_contacts_and_gravity_hold_the_body() {
         assert_eq!(with_unusable_numbers(|i| i.gravity.z = bad), Some(StepFailure::Singular));
         assert_eq!(with_unusable_numbers(|i| i.body.mass = bad), Some(StepFailure::Singular));
         assert_eq!(with_unusable_numbers(|i| i.body.inertia.x_axis.x = bad), Some(StepFailure::Singular));
-        let constraint = PlaneConstraint {
+        let constraint = PenaltyContact {
             point: DVec3::Z * bad,
             scene_point: DVec3::ZERO,
             normal: DVec3::Z,
             stiffness: 1000.0,
-            ..PlaneConstraint::default()
+            ..PenaltyContact::default()
         };
         // A contact with a NaN position is never closed, so it may also do nothing.
         let mut inputs = Inputs::usable();
-        inputs.contacts.push_constraint(constraint);
+        inputs.contacts.push_contact(constraint);
         for kind in IntegratorKind::ALL {
             let _ = inputs.step_by(kind);
         }
@@ -223,7 +223,7 @@ fn numbers_of_any_size_give_finite_numbers() {
         inputs.coupling.max_force = any();
         inputs.coupling.max_torque = any();
         let friction = Friction { static_coefficient: any(), dynamic_coefficient: any() };
-        let constraint = PlaneConstraint {
+        let constraint = PenaltyContact {
             point,
             scene_point,
             normal,
@@ -236,13 +236,13 @@ fn numbers_of_any_size_give_finite_numbers() {
             anchor: FrictionAnchor { point: scene_point, rotation: inputs.state.pose.rotation },
             surface,
         };
-        inputs.contacts.push_constraint(constraint);
+        inputs.contacts.push_contact(constraint);
         inputs.contacts.advance(any());
         let contact = Contact { point, scene_point, normal, depth: any() };
         let parameters = ContactParameters { stiffness: any(), damping: any(), tolerance: any(), friction };
         let more = LinearContactModel::from_contacts([contact], &inputs.state.pose, &parameters, any());
-        for c in more.constraints() {
-            inputs.contacts.push_constraint(*c);
+        for c in more.contacts() {
+            inputs.contacts.push_contact(*c);
         }
         inputs.dt = any().abs();
         for (taken, kind) in taken.iter_mut().zip(IntegratorKind::ALL) {

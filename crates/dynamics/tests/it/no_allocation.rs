@@ -4,8 +4,8 @@ use allocation_counter::measure;
 use palpate_core::glam::{DMat3, DQuat, DVec3};
 use palpate_core::{Contact, Pose};
 use palpate_dynamics::{
-    Body, BodyState, ContactParameters, DeviceMotion, Frame, Friction, Integrator, IntegratorKind,
-    LinearContactModel, MAX_UNILATERAL, MotionBound, Recovery, UnilateralContact, VirtualCoupling,
+    Body, BodyState, Constraint, ContactParameters, DeviceMotion, Frame, Friction, Integrator,
+    IntegratorKind, LinearContactModel, MAX_CONSTRAINTS, MotionBound, Recovery, VirtualCoupling,
     constrained_step, saturate,
 };
 
@@ -71,13 +71,13 @@ fn steps_allocate_nothing(kind: IntegratorKind) {
 /// Steps of a body that is pressed on a floor and dragged along it, with more contacts than a step
 /// solves for.
 #[test]
-fn steps_with_unilateral_contacts_allocate_nothing() {
+fn steps_with_constraints_allocate_nothing() {
     let body = Body::new(0.05, DMat3::from_diagonal(DVec3::new(1e-5, 2e-5, 2.5e-5))).unwrap();
     let coupling = VirtualCoupling::critically_damped(&body, Pose::IDENTITY, 400.0, 0.6);
     let model = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
     let mut state = BodyState::at_rest(Pose::from_translation(DVec3::Z * 0.01));
     let corner = |i: usize| DQuat::from_rotation_z(i as f64 * 0.03) * DVec3::new(0.02, 0.0, -0.01);
-    let contact = |i: usize| UnilateralContact {
+    let contact = |i: usize| Constraint {
         arm: corner(i),
         normal: DVec3::NEG_Z,
         gap: 0.0,
@@ -87,7 +87,7 @@ fn steps_with_unilateral_contacts_allocate_nothing() {
         pushed: None,
         key: i as u16,
     };
-    let mut contacts: [UnilateralContact; 3 * MAX_UNILATERAL] = std::array::from_fn(contact);
+    let mut contacts: [Constraint; 3 * MAX_CONSTRAINTS] = std::array::from_fn(contact);
     let (mut pushes, mut held_back, mut recovery) = (0, 0, Recovery::at_scale(1.0));
     let made = measure(|| {
         for i in 0..20_000 {

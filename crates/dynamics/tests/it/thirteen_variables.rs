@@ -173,7 +173,7 @@ fn motion(scene: &Scene, y: &Vector) -> (Vector, Matrix) {
         })
         .collect();
 
-    for c in scene.contacts.constraints() {
+    for c in scene.contacts.contacts() {
         let arm = r * c.point;
         let overlap = c.normal.dot(x + arm - c.scene_point) + c.tolerance;
         let size = c.stiffness * overlap + c.damping * c.normal.dot(v + w.cross(arm));
@@ -251,7 +251,7 @@ fn six_unknown_step(scene: &Scene, state: &BodyState, h: f64) -> BodyState {
         h,
     );
     assert!(step.status.is_ok() && !step.status.geometric_stiffness_dropped);
-    let all = (1 << scene.contacts.constraints().len()) - 1;
+    let all = (1 << scene.contacts.contacts().len()) - 1;
     assert_eq!(step.active, all, "a contact opened");
     step.state
 }

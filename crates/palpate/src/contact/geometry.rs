@@ -12,7 +12,7 @@ use std::sync::Arc;
 use arrayvec::ArrayVec;
 use palpate_core::glam::{DQuat, DVec3};
 use palpate_core::{Pose, Twist};
-use palpate_dynamics::{Friction, MAX_UNILATERAL, MotionBound, MovingBody, UnilateralContact};
+use palpate_dynamics::{Constraint, Friction, MAX_CONSTRAINTS, MotionBound, MovingBody};
 use palpate_field::FeatureMesh;
 
 use super::guarded_point::{Frames, GuardedPoint, Reserve};
@@ -155,7 +155,7 @@ pub(crate) struct ContactGeometry {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct StepContacts {
     /// With the indices of their points as keys.
-    pub contacts: ArrayVec<UnilateralContact, MAX_REACHED>,
+    pub contacts: ArrayVec<Constraint, MAX_REACHED>,
     /// Whether these indices are those of the next step's points, too.
     is_known: bool,
     /// Where their arms are along x when they are found, by which most are told apart, m; infinite in the
@@ -172,7 +172,7 @@ pub(crate) struct StepContacts {
     /// Indices of the points that the step may bring into contact.
     near: ArrayVec<u16, MAX_REACHED>,
     /// Contacts without which the step is taken again.
-    aside: Box<ArrayVec<UnilateralContact, MAX_REACHED>>,
+    aside: Box<ArrayVec<Constraint, MAX_REACHED>>,
     /// Number of times that the step was taken, but for those since normals had turned.
     taken: u32,
     /// Number of times that it was taken again since normals had turned.
@@ -318,7 +318,7 @@ pub(crate) fn in_turn<T: Copy>(
 }
 
 /// Whether two contacts with an object are with the same plane, to within a distance (m).
-fn is_level(a: &UnilateralContact, b: &UnilateralContact, within: f64) -> bool {
+fn is_level(a: &Constraint, b: &Constraint, within: f64) -> bool {
     let apart = a.normal.dot(a.arm - b.arm) + a.gap - b.gap;
     apart.abs() < within && a.normal.distance_squared(b.normal) < LEVEL_NORMAL * LEVEL_NORMAL
 }
@@ -355,7 +355,7 @@ impl StepContacts {
                 continue;
             }
             let first = block * LANES;
-            let is_same = |known: &UnilateralContact| {
+            let is_same = |known: &Constraint| {
                 known.arm.distance_squared(arm) < same_place * same_place
                     && known.normal.dot(normal) > SAME_NORMAL
             };
@@ -373,7 +373,7 @@ impl StepContacts {
     /// that meet one place stands for them, as the others may be on leashes elsewhere. Returns whether there
     /// was room for it.
     #[inline(always)]
-    fn add(&mut self, own: usize, contact: UnilateralContact, nearest: f64) -> bool {
+    fn add(&mut self, own: usize, contact: Constraint, nearest: f64) -> bool {
         if let Some(index) = self.at(own, contact.arm, contact.normal) {
             let (known, least) = (&mut self.contacts[index], &mut self.nearest[index]);
             let gap = known.gap.min(contact.gap);
@@ -392,7 +392,7 @@ impl StepContacts {
     }
 
     #[inline(always)]
-    fn push(&mut self, contact: UnilateralContact) {
+    fn push(&mut self, contact: Constraint) {
         let lane = self.contacts.len() % LANES;
         if lane == 0 {
             self.along.push([f64::INFINITY; LANES]);
@@ -405,19 +405,19 @@ impl StepContacts {
 
     /// The contacts that push, as many as a step finds impulses for. Before a step, and after one that was
     /// refused, more may have one that was taken over.
-    pub fn pushing(&self) -> impl Iterator<Item = &UnilateralContact> {
-        self.contacts.iter().filter(|contact| contact.impulse != DVec3::ZERO).take(MAX_UNILATERAL)
+    pub fn pushing(&self) -> impl Iterator<Item = &Constraint> {
+        self.contacts.iter().filter(|contact| contact.impulse != DVec3::ZERO).take(MAX_CONSTRAINTS)
     }
 
     /// Takes over the impulses of the last step, and the lower coefficient of friction where a contact slid.
     fn take_over(&mut self, before: &Self, friction: &Friction) {
-        let mut pushed = ArrayVec::<&UnilateralContact, MAX_UNILATERAL>::new();
+        let mut pushed = ArrayVec::<&Constraint, MAX_CONSTRAINTS>::new();
         pushed.extend(before.pushing());
         // The order is mostly the same: the search goes on from the last one that was found.
         let mut next = 0;
         let near_place = NEAR_PLACE * self.radius;
         for contact in &mut self.contacts {
-            let near = |known: &UnilateralContact| {
+            let near = |known: &Constraint| {
                 known.arm.distance_squared(contact.arm) < near_place * near_place
                     && known.normal.dot(contact.normal) > NEAR_NORMAL
             };
@@ -545,7 +545,7 @@ pub(super) mod tests {
     /// A place that several points come to is one contact with each object, and not one of all.
     #[test]
     fn contacts_with_different_objects_stay_apart() {
-        let contact = |x: f64| UnilateralContact {
+        let contact = |x: f64| Constraint {
             arm: DVec3::X * x,
             normal: DVec3::NEG_Z,
             gap: 1e-6,
@@ -561,7 +561,7 @@ pub(super) mod tests {
             assert!((0..count).all(|i| made.add(0, contact(i as f64), 2e-6)));
             let last = contact((count - 1) as f64);
             for (gap, nearest, key) in [(2e-6, 1e-6, 1), (0.0, 3e-6, 2)] {
-                made.add(count - 1, UnilateralContact { gap, key, ..last }, nearest);
+                made.add(count - 1, Constraint { gap, key, ..last }, nearest);
             }
             assert_eq!(made.contacts.len(), count, "{count}: with its own");
             let merged = made.contacts[count - 1];
@@ -578,8 +578,8 @@ pub(super) mod tests {
         let contacts = |impulse: f64| {
             let mut made = StepContacts::default();
             made.clear();
-            for key in 0..2 * MAX_UNILATERAL as u16 {
-                made.push(UnilateralContact {
+            for key in 0..2 * MAX_CONSTRAINTS as u16 {
+                made.push(Constraint {
                     arm: DVec3::X * 1e-3 * f64::from(key),
                     normal: DVec3::NEG_Z,
                     gap: 0.0,
@@ -594,6 +594,6 @@ pub(super) mod tests {
         };
         let (before, mut now) = (contacts(1.0), contacts(0.0));
         now.take_over(&before, &Friction::NONE);
-        assert_eq!((before.pushing().count(), now.pushing().count()), (MAX_UNILATERAL, MAX_UNILATERAL));
+        assert_eq!((before.pushing().count(), now.pushing().count()), (MAX_CONSTRAINTS, MAX_CONSTRAINTS));
     }
 }

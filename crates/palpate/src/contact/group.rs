@@ -214,7 +214,7 @@ mod tests {
             group.push_touching(&mut model, &Counterpart::Still, &GAINS, (&Pose::IDENTITY, 1e-3), |_, _| {
                 shown += 1
             });
-            assert_eq!((model.constraints().len(), model.overflow()), (clusters, 0));
+            assert_eq!((model.contacts().len(), model.overflow()), (clusters, 0));
             assert_eq!(shown, clusters);
             let force = model.wrench(&BodyState::at_rest(Pose::IDENTITY)).force;
             let wanted = -(clusters as f64) * GAINS.stiffness * (1e-4 + GAINS.tolerance);
@@ -233,7 +233,7 @@ mod tests {
         let with = Counterpart::Moving { object: &object, id: SceneId(0), pose: Pose::IDENTITY };
         let mut model = model();
         group.push_approaching(&mut model, &with, &GAINS, (&Pose::IDENTITY, 1e-3), (5e-3, 0.01));
-        let [kept] = model.constraints() else { panic!("{} constraints", model.constraints().len()) };
+        let [kept] = model.contacts() else { panic!("{} contacts", model.contacts().len()) };
         assert!((kept.scene_point.z - 2e-3).abs() < 1e-15 && kept.braking_time == 0.01);
     }
 
@@ -255,12 +255,12 @@ mod tests {
         group.touching.extend([-0.05, 0.05].map(|x| contact(DVec3::X * x, 0.0)));
         let mut model = model();
         group.push_touching(&mut model, &with, &stiff, (&Pose::IDENTITY, 1e-3), |_, _| ());
-        for constraint in model.constraints() {
-            let at = (constraint.point, DVec3::Z);
+        for contact in model.contacts() {
+            let at = (contact.point, DVec3::Z);
             let alone = with.gains(&stiff, at, 1, 1e-3).stiffness;
-            assert!(alone < 1e6 && (constraint.stiffness - 0.5 * alone).abs() < 1e-9 * alone);
+            assert!(alone < 1e6 && (contact.stiffness - 0.5 * alone).abs() < 1e-9 * alone);
         }
-        assert_eq!(model.constraints().len(), 2);
+        assert_eq!(model.contacts().len(), 2);
         assert_eq!(with.body().twist, Twist::ZERO);
     }
 

@@ -13,7 +13,7 @@ use arrayvec::ArrayVec;
 use foldhash::fast::FixedState;
 use palpate_core::Pose;
 use palpate_core::glam::{DVec3, Vec3};
-use palpate_dynamics::MAX_UNILATERAL;
+use palpate_dynamics::MAX_CONSTRAINTS;
 use palpate_field::{FeatureMesh, Leash, Place};
 
 use super::geometry::{ContactGeometry, MAX_OBJECTS, MAX_POINTS, MAX_RESERVES, NearObject, in_turn};
@@ -34,7 +34,7 @@ const MAX_GROWTH: u32 = 3;
 
 /// Largest number of points that near. With more, steps take longer in close fits; with fewer, surfaces that
 /// lie along each other touch between points.
-const MAX_NEAR: usize = 3 * MAX_UNILATERAL / 2;
+const MAX_NEAR: usize = 3 * MAX_CONSTRAINTS / 2;
 
 /// Number of times that the distance from which they grow is halved, before their edge is doubled. With
 /// fewer, cells of close fits hide places; with more, those of surfaces a little apart do.
@@ -446,17 +446,18 @@ impl Guard {
         let mut left_out = f64::INFINITY;
         // Cells are made finer again where their points should fit: about as many of them are left as when
         // that was last tried, or else as now.
-        if let Some(finer) = self.coarseness.checked_sub(1) {
+        let now = self.left[self.coarseness as usize].unwrap_or((1.0, 1.0));
+        while let Some(finer) = self.coarseness.checked_sub(1) {
             self.choose(&Cells::new(limits.edge, finer), MAX_CELLS);
-            let now = self.left[self.coarseness as usize].unwrap_or((1.0, 1.0));
             let (all, near) = self.left[finer as usize].unwrap_or(now);
             let fit = |cells: usize, left: f64, most: usize| cells as f64 * left <= FINER * most as f64;
             let fits =
                 fit(self.chosen.len(), all, MAX_POINTS) && fit(self.near_cells(limits.near), near, MAX_NEAR);
-            self.coarseness -= u32::from(fits && !self.are_too_many(limits.near));
+            if !fits || self.are_too_many(limits.near) {
+                break;
+            }
+            self.coarseness = finer;
         }
-        // The shares of this query's cells, where they were tried.
-        let mut tried = (0.0, 0.0);
         loop {
             let cells = Cells::new(limits.edge, self.coarseness);
             let is_last = self.coarseness == MAX_COARSENESS;
@@ -469,11 +470,7 @@ impl Guard {
                     self.choose(&cells, most);
                 }
             }
-            let left = |cells: usize, share: f64, most: usize| cells as f64 * share > most as f64;
-            let would_not_fit = left(self.near_cells(limits.near), tried.1, MAX_NEAR)
-                || left(self.chosen.len(), tried.0, MAX_POINTS)
-                    && room_at(self.coarseness, limits) == f64::INFINITY;
-            if is_last || !(self.are_too_many(limits.near) || would_not_fit) {
+            if is_last || !self.are_too_many(limits.near) {
                 self.make(geometry, mesh, limits, &cells);
                 let mut near = self.near(limits.near);
                 if near > MAX_NEAR {
@@ -482,8 +479,8 @@ impl Guard {
                 }
                 let share = |left: usize, cells: usize| left as f64 / cells.max(1) as f64;
                 let of_near = share(near, self.near_cells(limits.near));
-                tried = (share(self.points.len(), self.chosen.len()), of_near);
-                self.left[self.coarseness as usize] = Some(tried);
+                self.left[self.coarseness as usize] =
+                    Some((share(self.points.len(), self.chosen.len()), of_near));
                 let fits = |next: &GuardedPoint| room_at(self.coarseness, limits) <= next.slack.into();
                 let all_fit = self.points.get(MAX_POINTS).is_none_or(fits);
                 if is_last || (all_fit && near <= MAX_NEAR) {

@@ -6,7 +6,7 @@
 use arrayvec::ArrayVec;
 use palpate_core::Clod;
 use palpate_core::glam::DVec3;
-use palpate_dynamics::MAX_UNILATERAL;
+use palpate_dynamics::MAX_CONSTRAINTS;
 
 /// Largest number of patches and of forces in a snapshot; further ones are left out.
 const CAPACITY: usize = 512;
@@ -97,7 +97,7 @@ pub fn level_color(clod: &Clod, level: u32) -> [u8; 4] {
 }
 
 /// Forces on the probe of the constraints of one haptic step.
-pub(crate) type ConstraintForces = ArrayVec<ContactForce, MAX_UNILATERAL>;
+pub(crate) type ConstraintForces = ArrayVec<ContactForce, MAX_CONSTRAINTS>;
 
 /// Receives the contacts of a session in any thread. Made by
 /// [`HapticRenderer::contact_monitor`](crate::HapticRenderer::contact_monitor).

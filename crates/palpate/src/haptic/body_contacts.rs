@@ -2,7 +2,7 @@
 //! found.
 
 use palpate_core::Pose;
-use palpate_dynamics::{BodyState, ContactBlend, LinearContactModel, MotionBound, UnilateralContact};
+use palpate_dynamics::{BodyState, Constraint, ContactBlend, LinearContactModel, MotionBound};
 
 use super::joined::Joined;
 use super::pushed_objects::PushedObjects;
@@ -96,7 +96,7 @@ impl BodyContacts {
         self.radius
     }
 
-    /// Finds the unilateral contacts that a step of `dt` (s) from a state may reach, with scene objects that
+    /// Finds the constraints that a step of `dt` (s) from a state may reach, with scene objects that
     /// contacts push and those in other hands. Returns the bound on its motion.
     pub fn find(
         &mut self,
@@ -142,8 +142,8 @@ impl BodyContacts {
         self.geometry.as_ref().is_some_and(|geometry| geometry.revise(&mut self.points, step, contacts))
     }
 
-    /// The penalty contacts and the unilateral ones of this step.
-    pub fn contacts(&mut self) -> (&LinearContactModel, &mut [UnilateralContact]) {
+    /// The penalty contacts and the constraints of this step.
+    pub fn contacts(&mut self) -> (&LinearContactModel, &mut [Constraint]) {
         (self.blend.contacts(), &mut self.contacts[self.now].contacts)
     }
 
@@ -165,7 +165,7 @@ impl BodyContacts {
     pub fn write_constraints(&self, state: &BodyState, dt: f64, to: &mut ConstraintForces) {
         to.clear();
         for contact in self.contacts[self.now].pushing() {
-            let UnilateralContact { arm, normal, gap, impulse, .. } = *contact;
+            let Constraint { arm, normal, gap, impulse, .. } = *contact;
             let point = state.pose.translation + arm;
             to.push(ContactForce { point, normal, force: impulse / -dt, depth: -gap });
         }

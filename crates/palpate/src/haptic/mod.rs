@@ -430,8 +430,8 @@ impl<T: Tool> HapticLoop<T> {
             let mut loads = ArrayVec::<BodyLoads<'_>, 2>::new();
             for (body, bound) in self.bodies.iter_mut().zip(bounds) {
                 let constrained = body.is_constrained();
-                let (model, unilateral) = body.contacts();
-                loads.push(BodyLoads { model, constrained, unilateral, bound });
+                let (model, constraints) = body.contacts();
+                loads.push(BodyLoads { model, constrained, constraints, bound });
             }
             let step = self.tool.step(hand, &mut loads, self.pushed.bodies(), dt);
             drop(loads);

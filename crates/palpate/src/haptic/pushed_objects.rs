@@ -3,7 +3,7 @@
 use arrayvec::ArrayVec;
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
-use palpate_dynamics::{HostState, MotionBound, PushedBody, UnilateralContact};
+use palpate_dynamics::{Constraint, HostState, MotionBound, PushedBody};
 
 use super::joined::Joined;
 use super::reactions::ReactionFeed;
@@ -165,7 +165,7 @@ impl PushedObjects {
     pub fn push(
         &mut self,
         objects: &[NearObject],
-        contacts: &[UnilateralContact],
+        contacts: &[Constraint],
         center: DVec3,
         reacting: &mut ReactionFeed,
     ) -> u64 {

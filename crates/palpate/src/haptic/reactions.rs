@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use arrayvec::ArrayVec;
 use palpate_core::glam::DVec3;
-use palpate_dynamics::{BodyState, LinearContactModel, MAX_CONSTRAINTS};
+use palpate_dynamics::{BodyState, LinearContactModel, MAX_PENALTY_CONTACTS};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::scene::SceneId;
@@ -20,7 +20,7 @@ const MAX_WAITING: usize = 4096;
 const MAX_WAITING_IN_HAND: usize = 16;
 
 /// Largest number of objects whose reactions are summed: as many as a contact model can have.
-const MAX_OBJECTS: usize = MAX_CONSTRAINTS;
+const MAX_OBJECTS: usize = MAX_PENALTY_CONTACTS;
 
 /// An impulse on an object of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -169,7 +169,7 @@ impl Moves for Hinged {
         let ConstrainedToolStep { step, held_back, recovery } = match loads {
             [first, second] if first.constrained || second.constrained => {
                 let bounds = [first.bound, second.bound];
-                let contacts = [&mut *first.unilateral, &mut *second.unilateral];
+                let contacts = [&mut *first.constraints, &mut *second.constraints];
                 constrained_articulated_step(
                     &frame,
                     &self.state,

@@ -19,8 +19,8 @@ use std::fmt::Debug;
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Wrench};
 use palpate_dynamics::{
-    BodyState, DeviceMotion, GripperMotion, LinearContactModel, MotionBound, PushedBody, StepStatus,
-    UnilateralContact, VirtualCoupling,
+    BodyState, Constraint, DeviceMotion, GripperMotion, LinearContactModel, MotionBound, PushedBody,
+    StepStatus, VirtualCoupling,
 };
 
 use crate::telemetry::record::{Recorded, StepData};
@@ -99,8 +99,8 @@ pub struct BodyLoads<'a> {
     pub model: &'a LinearContactModel,
     /// Whether contacts are constraints.
     pub constrained: bool,
-    /// Unilateral contacts.
-    pub unilateral: &'a mut [UnilateralContact],
+    /// Contacts that surfaces do not pass.
+    pub constraints: &'a mut [Constraint],
     /// Bound on the body's motion.
     pub bound: MotionBound,
 }

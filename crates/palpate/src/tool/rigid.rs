@@ -60,8 +60,8 @@ impl Moves for Rigid {
         };
         let ConstrainedStep { step, held_back, recovery } = match load {
             Some(load) if load.constrained => {
-                let BodyLoads { unilateral, bound, .. } = load;
-                constrained_step(&frame, &self.state, unilateral, pushed, bound, &self.recovery, dt)
+                let BodyLoads { constraints, bound, .. } = load;
+                constrained_step(&frame, &self.state, constraints, pushed, bound, &self.recovery, dt)
             }
             _ => self.integrator.step(&frame, &self.state, dt).into(),
         };

@@ -1,7 +1,7 @@
 //! Faults of a session, and their times.
 
 use palpate::device::{DeviceState, Status};
-use palpate::dynamics::PlaneConstraint;
+use palpate::dynamics::PenaltyContact;
 use palpate::glam::{DQuat, DVec3};
 use palpate::{ContactUpdate, Twist};
 use rand::RngExt as _;
@@ -201,12 +201,12 @@ impl Fault {
         match self.kind {
             Kind::WrongContacts => {
                 let odd = [f64::NAN, f64::INFINITY, 1e300, -1.0][choice as usize % 4];
-                let mut plane = PlaneConstraint {
+                let mut plane = PenaltyContact {
                     scene_point: body,
                     normal: -self.direction,
                     stiffness: 1e3,
                     damping: 1.0,
-                    ..PlaneConstraint::default()
+                    ..PenaltyContact::default()
                 };
                 match choice / 2 {
                     0 => plane.stiffness = odd,
@@ -214,17 +214,17 @@ impl Fault {
                     2 => plane.scene_point.z = odd,
                     _ => plane.normal = self.direction * odd,
                 }
-                update.model.push_constraint(plane);
+                update.model.push_contact(plane);
                 update.contacts += 1;
             }
             Kind::FarContacts => {
                 let depth = self.between(0.1, 1e3);
-                update.model.push_constraint(PlaneConstraint {
+                update.model.push_contact(PenaltyContact {
                     scene_point: body + self.direction * depth,
                     normal: -self.direction,
                     stiffness: self.between(10.0, 1e5),
                     damping: 1.0,
-                    ..PlaneConstraint::default()
+                    ..PenaltyContact::default()
                 });
                 update.contacts += 1;
                 update.depth = depth;

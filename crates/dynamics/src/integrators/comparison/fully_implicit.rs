@@ -3,12 +3,12 @@
 use glam::{DMat3, DVec3};
 use palpate_core::Twist;
 
+use crate::algebra::linear_solve::solve;
+use crate::algebra::rotation::exponential;
 use crate::body::BodyState;
-use crate::contact::LinearContactModel;
 use crate::integrators::{Integrator, SemiImplicit};
 use crate::jacobian::{Block6, WrenchJacobian};
-use crate::linear_solve::solve;
-use crate::rotation::exponential;
+use crate::penalty::LinearContactModel;
 use crate::step::{Frame, Step, carried_momentum};
 
 /// Backward Euler on momentum and placement, solved by Newton iteration from the semi-implicit step.
@@ -85,7 +85,7 @@ impl Integrator for FullyImplicit {
 /// The contacts that are open at a state.
 fn open(contacts: &LinearContactModel, state: &BodyState) -> u64 {
     let rotation = DMat3::from_quat(state.pose.rotation);
-    contacts.constraints().iter().enumerate().fold(0, |open, (i, c)| {
+    contacts.contacts().iter().enumerate().fold(0, |open, (i, c)| {
         let overlap = contacts.at(i, state, &rotation).overlap;
         open | u64::from(c.stiffness_at(overlap).is_none()) << i
     })
@@ -99,7 +99,7 @@ fn without(contacts: &LinearContactModel, left_out: u64) -> (LinearContactModel,
     let mut fewer = LinearContactModel::empty(contacts.pose(), contacts.time());
     fewer.extend(contacts, !left_out);
     let mut places = [0; PLACES];
-    let kept = (0..contacts.constraints().len() as u8).filter(|i| left_out & (1 << i) == 0);
+    let kept = (0..contacts.contacts().len() as u8).filter(|i| left_out & (1 << i) == 0);
     for (place, i) in places.iter_mut().zip(kept) {
         *place = i;
     }
@@ -232,10 +232,10 @@ mod tests {
 
     use super::*;
     use crate::body::Body;
-    use crate::contact::ContactParameters;
-    use crate::contact::Friction;
     use crate::coupling::{DeviceMotion, VirtualCoupling};
     use crate::differences::{random_pose, random_twist, random_vector};
+    use crate::penalty::ContactParameters;
+    use crate::penalty::Friction;
 
     const PARAMETERS: ContactParameters =
         ContactParameters { stiffness: 2000.0, damping: 3.0, tolerance: 0.001, friction: Friction::NONE };
@@ -309,7 +309,7 @@ mod tests {
         let mut model = LinearContactModel::empty(&Pose::IDENTITY, 0.0);
         for (contact, parameters) in contacts.into_iter().zip([hard, PARAMETERS]) {
             let one = LinearContactModel::from_contacts([contact], &Pose::IDENTITY, &parameters, 0.0);
-            model.push_constraint(one.constraints()[0]);
+            model.push_contact(one.contacts()[0]);
         }
         let device = DeviceMotion::default();
         let frame = Frame {

@@ -4,11 +4,11 @@
 use glam::{DMat3, DVec3};
 use palpate_core::{Pose, Twist, Wrench};
 
+use crate::algebra::linear_solve::{has_positive_minors, solve};
 use crate::body::BodyState;
 use crate::coupling::DeviceMotion;
 use crate::integrators::Integrator;
 use crate::jacobian::Block6;
-use crate::linear_solve::{has_positive_minors, solve};
 use crate::step::{Frame, Step, StepFailure, StepStatus};
 
 /// A body without dynamics: each step puts it at the equilibrium of the springs of coupling and contacts,

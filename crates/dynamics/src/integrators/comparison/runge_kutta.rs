@@ -3,9 +3,9 @@
 use glam::{DMat3, DVec3};
 use palpate_core::{Twist, Wrench};
 
+use crate::algebra::rotation::inverse_right_jacobian;
 use crate::body::BodyState;
 use crate::integrators::Integrator;
-use crate::rotation::inverse_right_jacobian;
 use crate::step::{Frame, Step, StepStatus};
 
 /// The classical Runge–Kutta method of fourth order.

@@ -4,10 +4,10 @@
 use glam::{DMat3, DVec3};
 use palpate_core::Twist;
 
+use crate::algebra::linear_solve::solve;
+use crate::algebra::rotation::{SERIES_BELOW, coefficients, skew};
 use crate::body::BodyState;
 use crate::integrators::Integrator;
-use crate::linear_solve::solve;
-use crate::rotation::{SERIES_BELOW, coefficients, skew};
 use crate::step::{Frame, Step, StepStatus};
 
 /// Symplectic (semi-explicit) Euler: first the momenta, by the wrench at the start of the step, then the

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use arrayvec::ArrayVec;
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
-use palpate_dynamics::{BodyState, MAX_UNILATERAL, UnilateralContact};
+use palpate_dynamics::{BodyState, Constraint, MAX_CONSTRAINTS};
 use palpate_field::ClosestPoint;
 
 use super::{
@@ -21,7 +21,7 @@ use crate::contact::guarded_point::{Frames, GuardedPoint, Measured, Reserve, bel
 
 /// Largest number of points beside those in turn: as many that pushed as there may be, and as many from
 /// reserves.
-const MAX_WOKEN: usize = 2 * MAX_UNILATERAL;
+const MAX_WOKEN: usize = 2 * MAX_CONSTRAINTS;
 
 /// The guarded points of a geometry where the haptic loop's steps have moved them.
 #[derive(Debug)]
@@ -54,7 +54,7 @@ struct Woken {
 }
 
 /// Points that pushed, with their slacks, m.
-pub(crate) type Carried = ArrayVec<(GuardedPoint, f32), MAX_UNILATERAL>;
+pub(crate) type Carried = ArrayVec<(GuardedPoint, f32), MAX_CONSTRAINTS>;
 
 /// What a step may reach: keys of points, and indices of reserves, those of each object in turn.
 #[derive(Default)]
@@ -277,7 +277,7 @@ impl Points {
         let (measured, gap) = at.measure(point, woken.slack);
         woken.slack = point.slack;
         let contact = at.contact(key, &measured, gap);
-        let is_held = |known: &UnilateralContact| {
+        let is_held = |known: &Constraint| {
             let within = APART * at.margin;
             known.gap <= gap + within && is_level(known, &contact, within)
         };
@@ -357,7 +357,7 @@ impl Points {
         if !Arc::ptr_eq(&last.probe, &next.probe) {
             return Carried::new();
         }
-        let carried = |contact: &UnilateralContact| {
+        let carried = |contact: &Constraint| {
             let key = usize::from(contact.key);
             let point = self.guarded.get(key)?;
             let object = last.objects.get(usize::from(point.object))?;
@@ -439,8 +439,8 @@ impl Reached<'_> {
     }
 
     #[inline(always)]
-    fn contact(&self, key: u16, measured: &Measured, gap: f64) -> UnilateralContact {
-        UnilateralContact {
+    fn contact(&self, key: u16, measured: &Measured, gap: f64) -> Constraint {
+        Constraint {
             arm: measured.point - self.center,
             normal: measured.normal,
             gap,

@@ -13,7 +13,7 @@ use std::cmp::Reverse;
 use arrayvec::ArrayVec;
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
-use palpate_dynamics::{MAX_UNILATERAL, MotionBound, UnilateralContact};
+use palpate_dynamics::{Constraint, MAX_CONSTRAINTS, MotionBound};
 use palpate_field::ClosestPoint;
 
 use super::stepping::Points;
@@ -88,16 +88,16 @@ struct Met {
     /// Share of the step up to there.
     share: f64,
     /// The contact where it is met, if it can be told.
-    contact: Option<UnilateralContact>,
+    contact: Option<Constraint>,
 }
 
 /// What overlaps at the end of a step.
 #[derive(Clone, Copy, Debug)]
 struct Ahead {
     /// The contact that holds it.
-    contact: UnilateralContact,
+    contact: Constraint,
     /// What takes the place of that contact if it is known and does not hold enough.
-    closer: Option<UnilateralContact>,
+    closer: Option<Constraint>,
 }
 
 /// A step of the body that was taken.
@@ -158,13 +158,13 @@ impl ContactGeometry {
         let is_last = *taken + 1 >= MAX_TAKEN;
         // Share of the step after which a contact's plane is passed. What the step stays on this side of is
         // not met.
-        let passed_at = |contact: &UnilateralContact| {
+        let passed_at = |contact: &Constraint| {
             let by = contact.normal.dot(motion.velocity_at(contact.arm) - contact.velocity * step.dt);
             (by > contact.gap).then(|| contact.gap / by)
         };
         // There is room for those that come back, as they were among the others, unless ends have taken it.
         let are_level = self.take_level(points, |contact| passed_at(contact).is_some(), aside, contacts);
-        let mut met = |contact: &UnilateralContact| self.met(contact, points, (step, moved), left);
+        let mut met = |contact: &Constraint| self.met(contact, points, (step, moved), left);
         // In the order in which planes are passed, up to those too late for what is met by then.
         let mut order = ArrayVec::<(f64, usize), MAX_REACHED>::new();
         order.extend(
@@ -177,7 +177,7 @@ impl ContactGeometry {
             }
             return true;
         }
-        let mut all = ArrayVec::<(usize, DVec3, Met), MAX_UNILATERAL>::new();
+        let mut all = ArrayVec::<(usize, DVec3, Met), MAX_CONSTRAINTS>::new();
         let mut first: f64 = 1.0;
         for (share, index) in order {
             if all.is_full() || share > first + AT_ONCE {
@@ -196,7 +196,7 @@ impl ContactGeometry {
             };
             met.share <= first + AT_ONCE && !all.iter().any(is_before)
         };
-        let mut back: ArrayVec<_, MAX_UNILATERAL> = all.iter().filter(is_next).copied().collect();
+        let mut back: ArrayVec<_, MAX_CONSTRAINTS> = all.iter().filter(is_next).copied().collect();
         // From the last, so that the others stay where they are.
         back.sort_unstable_by_key(|(index, ..)| Reverse(*index));
         for (index, _, met) in back {
@@ -212,13 +212,12 @@ impl ContactGeometry {
     fn take_level(
         &self,
         points: &Points,
-        is_passed: impl Fn(&UnilateralContact) -> bool,
-        aside: &mut ArrayVec<UnilateralContact, MAX_REACHED>,
-        contacts: &mut ArrayVec<UnilateralContact, MAX_REACHED>,
+        is_passed: impl Fn(&Constraint) -> bool,
+        aside: &mut ArrayVec<Constraint, MAX_REACHED>,
+        contacts: &mut ArrayVec<Constraint, MAX_REACHED>,
     ) -> bool {
-        let is_level = |contact: &UnilateralContact, held: &[UnilateralContact]| {
-            let is_own =
-                |held: &UnilateralContact| points.object_of(held.key) == points.object_of(contact.key);
+        let is_level = |contact: &Constraint, held: &[Constraint]| {
+            let is_own = |held: &Constraint| points.object_of(held.key) == points.object_of(contact.key);
             held.iter().any(|held| is_level(held, contact, LEVEL * self.margin) && is_own(held))
         };
         if !aside.iter().any(|contact| is_passed(contact) && is_level(contact, contacts)) {
@@ -237,7 +236,7 @@ impl ContactGeometry {
     /// the other. Without measurements `left`, what is not known to be clear may be met.
     fn met(
         &self,
-        contact: &UnilateralContact,
+        contact: &Constraint,
         points: &Points,
         (step, moved): (&Taken, f64),
         left: &mut u32,
@@ -323,7 +322,7 @@ impl ContactGeometry {
         step: &Taken,
         share: f64,
         measured: &Measured,
-    ) -> UnilateralContact {
+    ) -> Constraint {
         let Measured { point, normal, distance, held, .. } = *measured;
         let from = &step.poses[0];
         let back = *from * step.at(share).inverse();
@@ -339,7 +338,7 @@ impl ContactGeometry {
         let ways =
             (body_ahead.transform_point(here) - here) - (object_ahead.transform_point(surface) - surface);
         let bent = normal.dot(tangents - ways);
-        UnilateralContact {
+        Constraint {
             arm,
             normal,
             gap: distance - held * self.margin + normal.dot(surface - here),
@@ -359,8 +358,7 @@ impl ContactGeometry {
             return false;
         }
         let mut has_turned = false;
-        let come =
-            |it: &&mut UnilateralContact| it.gap > APART * self.margin && it.impulse.dot(it.normal) > 0.0;
+        let come = |it: &&mut Constraint| it.gap > APART * self.margin && it.impulse.dot(it.normal) > 0.0;
         for known in contacts.iter_mut().filter(come) {
             if *left == 0 {
                 break;
@@ -381,11 +379,11 @@ impl ContactGeometry {
     /// overlap, along one that has turned.
     fn turned(
         &self,
-        known: &UnilateralContact,
+        known: &Constraint,
         object: &NearObject,
         step: &Taken,
         later: &Measured,
-    ) -> Option<UnilateralContact> {
+    ) -> Option<Constraint> {
         let by = later.normal.distance_squared(known.normal);
         let end = self.contact_at(known.key, object, step, 1.0, later);
         let is_turned = later.is_settled
@@ -393,7 +391,7 @@ impl ContactGeometry {
             && !self.overlap(later)
             && end.gap >= -MET * self.margin
             && (TURNED * TURNED..2.0 - 2.0 * AHEAD_NORMAL).contains(&by);
-        is_turned.then_some(UnilateralContact { impulse: known.impulse, friction: known.friction, ..end })
+        is_turned.then_some(Constraint { impulse: known.impulse, friction: known.friction, ..end })
     }
 
     /// Starts points from reserves where surfaces are not clear of each other at the end of a step in which
@@ -489,7 +487,7 @@ impl ContactGeometry {
         let met = if gap < -MET_DEPTH * self.margin {
             None
         } else {
-            self.met(&UnilateralContact { gap, ..end }, points, (step, moved), left)
+            self.met(&Constraint { gap, ..end }, points, (step, moved), left)
         };
         let contact =
             met.and_then(|met| met.contact).or_else(|| later.distance.is_finite().then_some(end))?;
@@ -509,10 +507,10 @@ impl ContactGeometry {
     fn hold(
         &self,
         points: &Points,
-        contacts: &mut ArrayVec<UnilateralContact, MAX_REACHED>,
+        contacts: &mut ArrayVec<Constraint, MAX_REACHED>,
         &Ahead { contact, closer }: &Ahead,
     ) -> bool {
-        let is_same = |known: &UnilateralContact| {
+        let is_same = |known: &Constraint| {
             // A point may have gone from one end of its edge to the other.
             let share = if known.key == contact.key { NEAR_PLACE } else { SAME_PLACE };
             let within = share * self.bound.radius;
@@ -525,7 +523,7 @@ impl ContactGeometry {
             return contacts.try_push(contact).is_ok();
         };
         if let Some(held) = closer {
-            *known = UnilateralContact { impulse: known.impulse, friction: known.friction, ..held };
+            *known = Constraint { impulse: known.impulse, friction: known.friction, ..held };
         }
         closer.is_some()
     }
@@ -579,7 +577,7 @@ impl StepContacts {
     /// Sets contacts beyond a gap (m) aside if one of them has pushed. Returns whether there is any.
     fn set_aside(&mut self, gap: f64) -> bool {
         let Self { contacts, aside, .. } = self;
-        let is_apart = |contact: &UnilateralContact| contact.gap > gap;
+        let is_apart = |contact: &Constraint| contact.gap > gap;
         if !contacts.iter().any(|it| is_apart(it) && it.impulse.dot(it.normal) > 0.0) {
             return false;
         }
@@ -678,8 +676,8 @@ mod tests {
     }
 
     /// A contact at a point of a geometry of three objects, to which keys belong in turn by tens.
-    fn contact(key: u16, arm: DVec3, normal: DVec3, gap: f64) -> UnilateralContact {
-        UnilateralContact {
+    fn contact(key: u16, arm: DVec3, normal: DVec3, gap: f64) -> Constraint {
+        Constraint {
             arm,
             normal,
             gap,
@@ -708,7 +706,7 @@ mod tests {
         for (passed, wanted) in [(Some(1), vec![0, 1, 2]), (Some(10), vec![0]), (None, vec![0])] {
             let mut left: ArrayVec<_, MAX_REACHED> = aside.clone().collect();
             let mut contacts = ArrayVec::from_iter([held]);
-            let is_passed = |contact: &UnilateralContact| Some(contact.key) == passed;
+            let is_passed = |contact: &Constraint| Some(contact.key) == passed;
             assert_eq!(made.take_level(&points, is_passed, &mut left, &mut contacts), wanted.len() > 1);
             let mut keys: Vec<u16> = contacts.iter().map(|contact| contact.key).collect();
             keys.sort_unstable();

@@ -9,7 +9,7 @@ use super::region::{Region, Sphere, Within, ends_of_part};
 
 /// Radius of spheres that one start stands for, as fractions of their distance and of the smallest cells'
 /// edge. With more, minima of the distance are missed; with less, there are more starts.
-pub const SHARE: (f64, f64) = (0.6, 0.5);
+pub const SHARE: (f64, f64) = (0.4, 0.5);
 
 /// Motion after which the distance of a start is read again, as fractions of that distance and of the reach.
 /// With more, starts are chosen by older distances; with less, more distances are read.
