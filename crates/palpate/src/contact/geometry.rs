@@ -41,7 +41,7 @@ pub(crate) const MAX_RESERVES: usize = 4096;
 
 /// Largest number of reserves that a step measures. With more, steps take longer; with fewer, fast bodies
 /// among many others go into them.
-const MAX_LOOKS: usize = 512;
+const MAX_LOOKS: usize = 128;
 
 /// Largest number of points that a step may reach. With fewer, more of a body's motion waits where it touches
 /// much at once; with more, it takes longer to tell their contacts apart.
