@@ -79,9 +79,9 @@ impl<const N: usize> Moved<N> for Linked<'_> {
 }
 
 /// Advances a tool by `dt` (s) as [`articulated_step`](super::articulated_step) does, without passing the
-/// surfaces of `contacts` that are constraints of the first body and of the second, and no further than their `bounds`.
-/// Updates the contacts' impulses. The contacts' arms are from their body's centre of mass. `recovery` is as
-/// in [`constrained_step`](crate::constrained_step).
+/// surfaces of `contacts` that are constraints of the first body and of the second, and no further than their
+/// `bounds`. Updates the contacts' impulses. The contacts' arms are from their body's centre of mass.
+/// `recovery` is as in [`constrained_step`](crate::constrained_step).
 ///
 /// Refuses the same inputs, and keeps the same rules: nothing is allocated and nothing panics.
 pub fn constrained_articulated_step(

@@ -1,4 +1,4 @@
-//! Contacts as constraints: the body does not pass surfaces, in place of springs that push it back (Ortega, Redon
+//! Contacts as constraints: the body passes no surface, in place of springs that push it back (Ortega, Redon
 //! and Coquillart 2007; Wang et al. 2013).
 //!
 //! A step of the body's velocity (v, ω) with matrix A and right-hand side as in

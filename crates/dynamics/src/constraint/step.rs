@@ -57,8 +57,8 @@ impl From<Step> for ConstrainedStep {
 }
 
 /// Advances the body by `dt` (s) as [`semi_implicit_step`](crate::semi_implicit_step) does, without passing
-/// the surfaces of `contacts` that are constraints, and no further than a `bound`. Updates the contacts' impulses. Of
-/// the bodies that contacts push, those from the fourth on do not give way in this step.
+/// the surfaces of `contacts` that are constraints, and no further than a `bound`. Updates the contacts'
+/// impulses. Of the bodies that contacts push, those from the fourth on do not give way in this step.
 ///
 /// Overlaps are undone with at most the recovery velocity, which sets in over some milliseconds: `recovery`
 /// is that of the last step.

@@ -1,5 +1,5 @@
-//! Penalty contacts: springs that push the body back from planes, in the form that the contact thread hands to
-//! the haptic thread (§5.2.4, §5.4.3).
+//! Penalty contacts: springs that push the body back from planes, in the form that the contact thread hands
+//! to the haptic thread (§5.2.4, §5.4.3).
 //!
 //! Each contact is the plane through p₀ with normal n, fixed in the world, against the point r of the body.
 //! With a = R r, δ = n · (x + a − p₀) and δ̇ = n · (v + ω × a), the contact pushes the body along −n with
@@ -15,16 +15,16 @@
 //!
 //! λ = b (δ̇ + (δ + d) / τ) while that is positive,
 //!
-//! so that the remaining gap takes at least about τ to close. The law is continuous with the one
-//! above where the gap closes, and only takes energy. A fast body is slowed before it feels the force of the
-//! closed contact, and does not pass a thin wall before the next contacts are found (§5.6.1).
+//! so that the remaining gap takes at least about τ to close. The law is continuous with the one above where
+//! the gap closes, and only takes energy. A fast body is slowed before it feels the force of the closed
+//! contact, and does not pass a thin wall before the next contacts are found (§5.6.1).
 //!
-//! The scene may move: each contact has the [motion of its surface](SurfaceMotion). Dampers
-//! and friction act on velocities relative to it, and a step uses the planes and the friction anchors at
-//! its end ([`LinearContactModel::advance`]).
+//! The scene may move: each contact has the [motion of its surface](SurfaceMotion). Dampers and friction act
+//! on velocities relative to it, and a step uses the planes and the friction anchors at its end
+//! ([`LinearContactModel::advance`]).
 //!
-//! With friction, the point is also held along the plane, by a spring and damper of the
-//! same gains that yield at the Coulomb limit ([`coulomb`]).
+//! With friction, the point is also held along the plane, by a spring and damper of the same gains that yield
+//! at the Coulomb limit ([`coulomb`]).
 //!
 //! A contact between detailed surfaces is more than a plane: [`CurvedContact`], whose [curvature
 //! terms](curvature) turn the plane as the body moves on.
@@ -33,8 +33,8 @@
 //! [`MAX_CLUSTERS`]: this is the purpose of the clustering of §5.4.2. While one model [blends
 //! into](ContactBlend) the next, the two share the stiffness.
 //!
-//! Each file uses only those before it: [`coulomb`], [`contact`], [`friction`], [`curvature`], [`model`],
-//! and on top [`evaluate`], [`friction_transfer`] and [`blend`].
+//! Each file uses only those before it: [`coulomb`], [`contact`], [`friction`], [`curvature`], [`model`], and
+//! on top [`evaluate`], [`friction_transfer`] and [`blend`].
 
 mod blend;
 mod contact;
