@@ -104,7 +104,7 @@ impl Scene {
             &self.state,
             &self.device,
             &self.coupling,
-            self.contacts.contacts(),
+            self.contacts.model(),
             gravity,
             STEP,
         )

@@ -15,9 +15,10 @@ use super::coordinates::{Follower, Motion};
 use super::step::with_system;
 use super::tool_system::ToolSolution;
 use super::{ArticulatedFrame, ArticulatedState, ArticulatedStep};
+use crate::algebra::vector::Vector;
 use crate::constraint::tool::{
-    Moved, Pushed, Rows, SHALLOW, Solver, Vector, allowed, changed, choose, mobility_factor, next_recovery,
-    push_row, scaled, share, wrench,
+    Moved, Pushed, Rows, SHALLOW, Solver, allowed, changed, choose, mobility_factor, next_recovery, push_row,
+    scaled, share, wrench,
 };
 use crate::constraint::{Constraint, MAX_CONSTRAINTS, MotionBound, PushedBody, Recovery};
 use crate::step::StepFailure;

@@ -61,7 +61,6 @@ pub(crate) mod tool {
     pub(crate) use super::solver::{Moved, Rows, SHALLOW, Solver, push_row, scaled};
     pub(crate) use super::step::{allowed, changed, mobility_factor, next_recovery, wrench};
     pub(crate) use super::working_set::{choose, share};
-    pub(crate) use crate::algebra::vector::Vector;
 }
 
 use glam::DVec3;
@@ -101,6 +100,13 @@ pub struct Constraint {
 }
 
 impl Constraint {
+    /// A contact at an arm (m), with a normal and a gap (m): without friction, with a surface that stands
+    /// still, and that has not pushed yet.
+    pub fn new(arm: DVec3, normal: DVec3, gap: f64) -> Self {
+        let (velocity, impulse) = (DVec3::ZERO, DVec3::ZERO);
+        Self { arm, normal, gap, velocity, friction: 0.0, impulse, pushed: None, key: 0 }
+    }
+
     /// Approach of the surfaces, with a velocity of the body, beyond what a step of `dt` (s) allows, m/s; an
     /// overlap recovers with a velocity of at most `recovery` (m/s).
     #[inline(always)]

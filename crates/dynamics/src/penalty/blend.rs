@@ -54,7 +54,7 @@ impl ContactBlend {
     }
 
     /// Contacts that the body feels in the next step.
-    pub fn contacts(&self) -> &LinearContactModel {
+    pub fn model(&self) -> &LinearContactModel {
         &self.felt
     }
 
@@ -182,7 +182,7 @@ mod tests {
                 let most = distance(&blend.incoming.wrench(&state), &blend.outgoing.wrench(&state))
                     / f64::from(steps);
                 blend.advance(&state, STEP);
-                let now = blend.contacts().wrench(&state);
+                let now = blend.model().wrench(&state);
                 let change = distance(&now, &felt);
                 assert!(
                     change <= most * (1.0 + 1e-6) + 1e-9,
@@ -196,7 +196,7 @@ mod tests {
                 smooth.contacts_mut().iter_mut().for_each(|c| c.friction = Friction::NONE);
                 smooth.wrench(&state)
             };
-            let (found, wanted) = (normal(blend.contacts()), normal(&last));
+            let (found, wanted) = (normal(blend.model()), normal(&last));
             assert!(distance(&found, &wanted) < 1e-9, "seed {seed}, case {case}: {found:?} {wanted:?}");
         }
     }
@@ -240,7 +240,7 @@ mod tests {
         blend.arrive(&old, &state, 0.0, 0.0);
         blend.arrive(&new, &state, 0.0, 2.0 * STEP);
         blend.advance(&state, STEP);
-        let felt = blend.contacts();
+        let felt = blend.model();
         assert_eq!(felt.contacts().len(), MAX_PENALTY_CONTACTS);
         let terms = old.curvature_terms().len() + new.curvature_terms().len();
         assert_eq!(terms, 3 * MAX_PENALTY_CONTACTS);
@@ -259,7 +259,7 @@ mod tests {
         for _ in 0..20 {
             let model = random_model(&mut rng, &pose);
             blend.arrive(&model, &state, 0.0, 0.0);
-            assert_eq!(blend.contacts().contacts().len(), model.contacts().len());
+            assert_eq!(blend.model().contacts().len(), model.contacts().len());
             blend.advance(&state, STEP);
         }
     }

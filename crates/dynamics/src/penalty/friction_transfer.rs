@@ -66,7 +66,7 @@ impl LinearContactModel {
         }
     }
 
-    /// Whether any contact has friction. Where contacts are contacts, none of the model's has.
+    /// Whether any contact has friction. Where contacts are constraints, none of the model's has.
     fn has_friction(&self) -> bool {
         self.contacts().iter().any(|contact| contact.friction.is_some())
     }

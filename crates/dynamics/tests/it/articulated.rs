@@ -882,9 +882,7 @@ fn random_constraints(rng: &mut StdRng, count: usize, friction: f64) -> Vec<Cons
         gap: rng.random_range(-2e-5..1e-4),
         velocity: random_vector(rng, 0.02),
         friction,
-        impulse: DVec3::ZERO,
-        pushed: None,
-        key: 0,
+        ..Constraint::new(DVec3::ZERO, DVec3::ZERO, 0.0)
     };
     (0..count).map(|_| random(rng)).collect()
 }
@@ -966,16 +964,8 @@ fn blades_that_close_do_not_pass() {
     let (mut deepest, mut force) = (f64::INFINITY, 0.0);
     for _ in 0..1000 {
         let second = tool.second(&state).pose.translation;
-        let mut contacts = [Constraint {
-            arm: DVec3::ZERO,
-            normal: along,
-            gap: (surface - second).dot(along),
-            velocity: DVec3::ZERO,
-            friction: 0.0,
-            impulse,
-            pushed: None,
-            key: 0,
-        }];
+        let gap = (surface - second).dot(along);
+        let mut contacts = [Constraint { impulse, ..Constraint::new(DVec3::ZERO, along, gap) }];
         let found = constrained_articulated_step(
             &scene.frame(),
             &state,
@@ -1011,15 +1001,8 @@ fn blades_in_a_press_fit_stay_and_blades_that_overlap_what_they_grip_open() {
         let second = tool.second(state).pose.translation;
         -axis.cross(second - hinge).normalize()
     };
-    let wall = |side: f64, along: DVec3, overlap: f64, off: f64| Constraint {
-        arm: DVec3::ZERO,
-        normal: (along * side + axis * off).normalize(),
-        gap: -overlap,
-        velocity: DVec3::ZERO,
-        friction: 0.0,
-        impulse: DVec3::ZERO,
-        pushed: None,
-        key: 0,
+    let wall = |side: f64, along: DVec3, overlap: f64, off: f64| {
+        Constraint::new(DVec3::ZERO, (along * side + axis * off).normalize(), -overlap)
     };
     for pressed in [true, false] {
         let mut scene = Scene::free(tool);

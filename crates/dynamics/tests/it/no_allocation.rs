@@ -78,14 +78,9 @@ fn steps_with_constraints_allocate_nothing() {
     let mut state = BodyState::at_rest(Pose::from_translation(DVec3::Z * 0.01));
     let corner = |i: usize| DQuat::from_rotation_z(i as f64 * 0.03) * DVec3::new(0.02, 0.0, -0.01);
     let contact = |i: usize| Constraint {
-        arm: corner(i),
-        normal: DVec3::NEG_Z,
-        gap: 0.0,
-        velocity: DVec3::ZERO,
         friction: 0.3,
-        impulse: DVec3::ZERO,
-        pushed: None,
         key: i as u16,
+        ..Constraint::new(corner(i), DVec3::NEG_Z, 0.0)
     };
     let mut contacts: [Constraint; 3 * MAX_CONSTRAINTS] = std::array::from_fn(contact);
     let (mut pushes, mut held_back, mut recovery) = (0, 0, Recovery::at_scale(1.0));

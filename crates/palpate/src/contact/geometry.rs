@@ -545,16 +545,7 @@ pub(super) mod tests {
     /// A place that several points come to is one contact with each object, and not one of all.
     #[test]
     fn contacts_with_different_objects_stay_apart() {
-        let contact = |x: f64| Constraint {
-            arm: DVec3::X * x,
-            normal: DVec3::NEG_Z,
-            gap: 1e-6,
-            velocity: DVec3::ZERO,
-            friction: 0.0,
-            impulse: DVec3::ZERO,
-            pushed: None,
-            key: 0,
-        };
+        let contact = |x: f64| Constraint::new(DVec3::X * x, DVec3::NEG_Z, 1e-6);
         for count in [1, LANES - 1, LANES, LANES + 1, 3 * LANES] {
             let mut made = StepContacts { radius: 0.03, ..StepContacts::default() };
             made.clear();
@@ -579,16 +570,8 @@ pub(super) mod tests {
             let mut made = StepContacts::default();
             made.clear();
             for key in 0..2 * MAX_CONSTRAINTS as u16 {
-                made.push(Constraint {
-                    arm: DVec3::X * 1e-3 * f64::from(key),
-                    normal: DVec3::NEG_Z,
-                    gap: 0.0,
-                    velocity: DVec3::ZERO,
-                    friction: 0.0,
-                    impulse: DVec3::NEG_Z * impulse,
-                    pushed: None,
-                    key,
-                });
+                let contact = Constraint::new(DVec3::X * 1e-3 * f64::from(key), DVec3::NEG_Z, 0.0);
+                made.push(Constraint { impulse: DVec3::NEG_Z * impulse, key, ..contact });
             }
             made
         };

@@ -96,8 +96,8 @@ impl BodyContacts {
         self.radius
     }
 
-    /// Finds the constraints that a step of `dt` (s) from a state may reach, with scene objects that
-    /// contacts push and those in other hands. Returns the bound on its motion.
+    /// Finds the constraints that a step of `dt` (s) from a state may reach, with scene objects that contacts
+    /// push and those in other hands. Returns the bound on its motion.
     pub fn find(
         &mut self,
         state: &BodyState,
@@ -144,14 +144,14 @@ impl BodyContacts {
 
     /// The penalty contacts and the constraints of this step.
     pub fn contacts(&mut self) -> (&LinearContactModel, &mut [Constraint]) {
-        (self.blend.contacts(), &mut self.contacts[self.now].contacts)
+        (self.blend.model(), &mut self.contacts[self.now].contacts)
     }
 
     /// Largest force with which one contact pushed the body in a step of `dt` (s) that ended at a state, N.
     /// Contacts on both sides of a body push it, though their forces may add up to nothing.
     pub fn largest_push(&self, state: &BodyState, dt: f64) -> f64 {
         let impulses = self.contacts[self.now].pushing().map(|contact| contact.impulse.length());
-        (impulses.fold(0.0, f64::max) / dt).max(self.blend.contacts().largest_force(state))
+        (impulses.fold(0.0, f64::max) / dt).max(self.blend.model().largest_force(state))
     }
 
     /// Pushes scene objects by the impulses of this step, and adds these to a feed. Returns the number of

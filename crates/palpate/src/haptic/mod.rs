@@ -487,7 +487,7 @@ impl<T: Tool> HapticLoop<T> {
         if taken {
             for (index, body) in self.bodies.iter().enumerate() {
                 let state = self.tool.body_state(index);
-                self.telemetry.events.reaction_dropped += reacting.add(body.blend.contacts(), &state, dt);
+                self.telemetry.events.reaction_dropped += reacting.add(body.blend.model(), &state, dt);
             }
         }
         self.telemetry.events.reaction_dropped += reacting.pass_on();

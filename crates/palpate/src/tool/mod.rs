@@ -99,7 +99,7 @@ pub struct BodyLoads<'a> {
     pub model: &'a LinearContactModel,
     /// Whether contacts are constraints.
     pub constrained: bool,
-    /// Contacts that surfaces do not pass.
+    /// Contacts as constraints.
     pub constraints: &'a mut [Constraint],
     /// Bound on the body's motion.
     pub bound: MotionBound,

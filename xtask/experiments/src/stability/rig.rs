@@ -225,7 +225,7 @@ impl Running {
             body: &rig.body,
             device: &self.motion,
             coupling: &rig.coupling,
-            contacts: self.contacts.contacts(),
+            contacts: self.contacts.model(),
             gravity: self.frozen,
         };
         let step = rig.integrator.step(&frame, &self.state, dt);

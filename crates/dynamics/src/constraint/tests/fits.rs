@@ -13,7 +13,7 @@ fn contacts(walls: &[Wall], pose: &Pose) -> Vec<Constraint> {
     let at = |(place, normal, overlap): &Wall| {
         let arm = place - pose.translation;
         let moved = pose.translation + turn.cross(*place);
-        contact(arm, *normal, -overlap - normal.dot(moved))
+        Constraint::new(arm, *normal, -overlap - normal.dot(moved))
     };
     walls.iter().map(at).collect()
 }

@@ -73,7 +73,7 @@ impl Session {
         let load = if world == World::Gravity { DVec3::NEG_Z * GRAVITY } else { DVec3::ZERO };
         pushed.set_delay(delay);
         pushed.set_load(&Twist::new(load, DVec3::ZERO));
-        let contact = Constraint { pushed: Some(0), ..contact(DVec3::ZERO, DVec3::Z * side, 0.0) };
+        let contact = Constraint { pushed: Some(0), ..Constraint::new(DVec3::ZERO, DVec3::Z * side, 0.0) };
         Self {
             rig,
             world,
@@ -234,7 +234,7 @@ fn a_step_moves_both_bodies() {
         let before = told.twist;
         let velocity = before.velocity_at(arm - pose.translation);
         let mut contacts =
-            [Constraint { velocity, friction: 0.3, pushed: Some(0), ..contact(arm, normal, 0.0) }];
+            [Constraint { velocity, friction: 0.3, pushed: Some(0), ..Constraint::new(arm, normal, 0.0) }];
         let frame = rig.frame();
         let found = constrained_step(
             &frame,

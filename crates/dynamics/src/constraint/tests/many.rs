@@ -8,7 +8,7 @@ fn touching(rng: &mut StdRng, count: usize) -> Vec<Constraint> {
     let touching = |rng: &mut StdRng| {
         let direction = random_direction(rng);
         let normal = DVec3::new(direction.x, direction.y, -direction.z.abs());
-        contact(normal * 0.02 + random_vector(rng, 2e-3), normal, rng.random_range(0.0..2e-5))
+        Constraint::new(normal * 0.02 + random_vector(rng, 2e-3), normal, rng.random_range(0.0..2e-5))
     };
     (0..count).map(|_| touching(rng)).collect()
 }
@@ -58,7 +58,11 @@ fn a_block_on_many_points_slides_as_on_its_corners() {
         let at =
             |i: u32| DVec3::new(f64::from(i % side), f64::from(i / side), 0.0) * 0.04 / f64::from(side - 1);
         let mut contacts: Vec<Constraint> = (0..side * side)
-            .map(|i| Constraint { friction, key: i as u16, ..contact(DVec3::ZERO, DVec3::NEG_Z, 0.0) })
+            .map(|i| Constraint {
+                friction,
+                key: i as u16,
+                ..Constraint::new(DVec3::ZERO, DVec3::NEG_Z, 0.0)
+            })
             .collect();
         for _ in 0..200 {
             for contact in &mut contacts {

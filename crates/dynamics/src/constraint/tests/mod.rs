@@ -118,25 +118,12 @@ impl Rig {
     }
 }
 
-fn contact(arm: DVec3, normal: DVec3, gap: f64) -> Constraint {
-    Constraint {
-        arm,
-        normal,
-        gap,
-        velocity: DVec3::ZERO,
-        friction: 0.0,
-        impulse: DVec3::ZERO,
-        pushed: None,
-        key: 0,
-    }
-}
-
 /// Contacts at arms of 2 cm, with gaps that a step may close, and overlaps.
 fn random_contacts(rng: &mut StdRng, most: usize, friction: f64) -> Vec<Constraint> {
     let random = |rng: &mut StdRng| Constraint {
         velocity: random_vector(rng, 0.02),
         friction,
-        ..contact(random_direction(rng) * 0.02, random_direction(rng), rng.random_range(-2e-5..1e-4))
+        ..Constraint::new(random_direction(rng) * 0.02, random_direction(rng), rng.random_range(-2e-5..1e-4))
     };
     (0..rng.random_range(1..=most)).map(|_| random(rng)).collect()
 }

@@ -7,7 +7,7 @@ fn bottom(pose: &Pose, friction: f64) -> Vec<Constraint> {
     let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1), 0.0) * 0.04 - 0.02;
     let at = |i: u32| {
         let arm = pose.transform_vector(corner(i));
-        Constraint { friction, ..contact(arm, DVec3::NEG_Z, (pose.translation + arm).z) }
+        Constraint { friction, ..Constraint::new(arm, DVec3::NEG_Z, (pose.translation + arm).z) }
     };
     (0..4).map(at).collect()
 }
@@ -76,7 +76,7 @@ fn redundant_contacts_carry_the_load() {
         let around = |i: usize| {
             let turn = DQuat::from_rotation_z(i as f64 * std::f64::consts::TAU / count as f64);
             let arm = turn * (DVec3::X * 0.03) - DVec3::Z * 0.02;
-            Constraint { friction, ..contact(arm, DVec3::NEG_Z, 0.0) }
+            Constraint { friction, ..Constraint::new(arm, DVec3::NEG_Z, 0.0) }
         };
         let mut contacts: Vec<_> = (0..count).map(around).collect();
         let step = rig.step(&mut contacts);
@@ -230,7 +230,7 @@ fn closing_plates_squeeze_the_body() {
         let plate = |side: f64| Constraint {
             velocity: DVec3::Z * (-side * speed),
             friction,
-            ..contact(DVec3::Z * (side * 0.02), DVec3::Z * side, gap)
+            ..Constraint::new(DVec3::Z * (side * 0.02), DVec3::Z * side, gap)
         };
         let mut contacts = [plate(1.0), plate(-1.0)];
         for _ in 0..100 {

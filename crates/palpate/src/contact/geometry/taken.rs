@@ -677,16 +677,7 @@ mod tests {
 
     /// A contact at a point of a geometry of three objects, to which keys belong in turn by tens.
     fn contact(key: u16, arm: DVec3, normal: DVec3, gap: f64) -> Constraint {
-        Constraint {
-            arm,
-            normal,
-            gap,
-            velocity: DVec3::ZERO,
-            friction: 0.0,
-            impulse: normal,
-            pushed: None,
-            key,
-        }
+        Constraint { impulse: normal, key, ..Constraint::new(arm, normal, gap) }
     }
 
     /// What is on the plane of a face that holds the body comes back at once, if any of it is passed.
