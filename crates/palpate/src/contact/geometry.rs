@@ -41,7 +41,7 @@ pub(crate) const MAX_RESERVES: usize = 4096;
 
 /// Largest number of reserves that a step measures. With more, steps take longer; with fewer, fast bodies
 /// among many others go into them.
-const MAX_LOOKS: usize = 128;
+const MAX_LOOKS: usize = 512;
 
 /// Largest number of points that a step may reach. With fewer, more of a body's motion waits where it touches
 /// much at once; with more, it takes longer to tell their contacts apart.
@@ -284,6 +284,12 @@ impl FarObject {
 }
 
 impl NearObject {
+    /// Its surface at a pose and that of the body in the hand, which are held apart by a margin (m).
+    fn frames<'a>(&'a self, probe: (&'a FeatureMesh, &Pose), pose: &Pose, margin: f64) -> Frames<'a> {
+        let frames = Frames::new(probe, (&self.surface, pose));
+        if self.overlapped { frames.overlapping(margin) } else { frames }
+    }
+
     fn is_still(&self) -> bool {
         self.speed == 0.0 && self.pushable.is_none() && !self.felt_elsewhere
     }

@@ -15,7 +15,7 @@ use super::geometry::{ContactGeometry, FarObject, MAX_FAR, MAX_OBJECT_MOTION, MA
 use super::guard::{Guard, Limits, Start};
 use super::guarded_point::{GuardedPoint, OVERLAP};
 use super::in_scene::InScene;
-use super::near_features::Reaches;
+use super::near_features::{NearFeature, Reaches};
 use super::pairs::{Found, Pull};
 
 /// Edge of the cells in each of which a point starts, in bounding radii of the body. With larger cells, local
@@ -70,6 +70,19 @@ const NEAR_TIME: f64 = 1e-3;
 /// The same for a body at rest, in tolerances d.
 const MIN_NEAR: f64 = 0.1;
 
+/// Number of distances that a query reads at most, for each second of the time between queries: so it takes
+/// less than that time, and the next one no longer for this one having been late. With fewer, what is new to
+/// a fast body waits for the next queries, and the body with it.
+const READINGS: f64 = 1.5e6;
+
+/// Least and largest number of them.
+const MIN_READINGS: usize = 4096;
+const MAX_READINGS: usize = 32_768;
+
+/// Share of them that is kept for starts that are known. With less, points start by older distances where
+/// much is new; with more, what is new waits.
+const FOR_STARTS: f64 = 0.25;
+
 impl ContactLoop {
     /// Whether contacts with the object at a place are constraints. Contacts with light objects that they
     /// push, and with textured ones, are penalty contacts.
@@ -122,7 +135,8 @@ impl ContactLoop {
         let mesh = body.pose * Pose::from_translation(-self.center_of_mass);
         let mut guard = std::mem::take(&mut self.guard);
         guard.starts.clear();
-        let room = self.start(&mut guard, &mut geometry, &mesh, &reaches);
+        let readings = ((READINGS * interval) as usize).clamp(MIN_READINGS, MAX_READINGS);
+        let room = self.start(&mut guard, &mut geometry, &mesh, &reaches, readings);
         let room = room.min(guard.limit(MAX_STARTS).max(MIN_ROOM * tolerance));
         let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
         let limits = Limits { edge, near, room: reach };
@@ -143,15 +157,16 @@ impl ContactLoop {
         Some(geometry)
     }
 
-    /// Starts points at the features of the body and of the objects near it. Returns how far the body may
-    /// move before it could touch something else than those or the far objects, m; 0 if an object could not
-    /// be searched.
+    /// Starts points at the features of the body and of the objects near it, as far as these are found by a
+    /// number of readings. Returns how far the body may move before it could touch something else than those
+    /// or the far objects, m; 0 if an object could not be searched.
     fn start(
         &mut self,
         guard: &mut Guard,
         geometry: &mut ContactGeometry,
         mesh: &Pose,
         reaches: &Reaches,
+        readings: usize,
     ) -> f64 {
         let events = &mut self.telemetry.events;
         let Ok(invalid) = self.scene.find_near(mesh, reaches.enough) else {
@@ -170,32 +185,39 @@ impl ContactLoop {
         far.clear();
         for &handle in &handles {
             let Some(object) = self.near_object(handle) else { continue };
-            let to_probe = mesh.inverse() * object.pose;
-            let (probe, scene) = (&*geometry.probe, &*object.surface);
-            let first = guard.starts.len();
             let known = pairs.of(object.place, &object.surface);
-            let clear = known.find((probe, mesh), (scene, &object.pose), ball, reaches, |near| {
+            known.begin((&geometry.probe, mesh), (&object.surface, &object.pose), ball, reaches);
+            near.push(Found::new(object));
+        }
+        let probe = &*geometry.probe;
+        let for_starts = (FOR_STARTS * readings as f64) as usize;
+        let mut left = for_starts + pairs.search(probe, &mut near, reaches, readings - for_starts);
+        for found in &mut near {
+            let Found { object, starts, least, since, room: clear, .. } = found;
+            let (to_probe, scene) = (mesh.inverse() * object.pose, &*object.surface);
+            starts.start = guard.starts.len();
+            let known = pairs.of(object.place, &object.surface);
+            let pass = |near: &NearFeature| {
                 let (at, direction) = if near.is_probe {
                     (near.point, probe.direction(&near.place))
                 } else {
                     let direction = to_probe.transform_vector(scene.direction(&near.place));
                     (to_probe.transform_point(near.point), direction)
                 };
+                *least = least.min(near.least);
                 guard.starts.push(Start::new(near, object.place, (at - ball.0, direction)));
-            });
+            };
+            let (others, rest) = known.end([probe, scene], (reaches, left), pass);
+            (starts.end, left, *since) = (guard.starts.len(), rest, known.since());
+            let clear = clear.min(others).max(0.0);
             let stands = self.objects.get(object.place).and_then(Option::as_ref).is_some_and(InScene::stands);
             if stands && clear < reaches.enough {
                 far.push(FarObject { pose: object.pose, bounds: scene.bounds(), room: clear });
             } else {
                 room = room.min(clear);
             }
-            let own = &guard.starts[first..];
-            if !own.is_empty() {
-                let least = own.iter().map(Start::least).fold(f64::INFINITY, f64::min);
-                let since = known.since();
-                near.push(Found { object, starts: first..guard.starts.len(), least, since });
-            }
         }
+        near.retain(|found| !found.starts.is_empty());
         if near.len() > MAX_OBJECTS {
             // Those without room bound the motion by their distance.
             near.select_nth_unstable_by(MAX_OBJECTS, |a, b| a.least.total_cmp(&b.least));

@@ -274,8 +274,8 @@ impl ContactGeometry {
             let still = point.still(&frames);
             let measured = settled(&mut there, &frames, least, MET * self.margin, left);
             let is_turned = is_beyond(&still) || is_beyond(&measured);
-            let overlaps = self.overlap(&measured);
-            if is_turned || overlaps || still.distance < 0.0 {
+            let overlaps = self.overlap(object, &measured);
+            if is_turned || overlaps || still.distance < 0.0 && !object.is_left_at(&measured) {
                 // Whether it has turned depends on the pose that it is seen from.
                 stride = 0.5 * next;
                 blocked = (overlaps && !is_turned).then_some((measured, at));
@@ -388,7 +388,7 @@ impl ContactGeometry {
         let end = self.contact_at(known.key, object, step, 1.0, later);
         let is_turned = later.is_settled
             && later.distance.abs() < MET * self.margin
-            && !self.overlap(later)
+            && !self.overlap(object, later)
             && end.gap >= -MET * self.margin
             && (TURNED * TURNED..2.0 - 2.0 * AHEAD_NORMAL).contains(&by);
         is_turned.then_some(Constraint { impulse: known.impulse, friction: known.friction, ..end })
@@ -415,7 +415,7 @@ impl ContactGeometry {
             }
             let later = settled(&mut reserve.wake(face, slack), &frames, least, MET * self.margin, left);
             let is_woken = later.is_settled
-                && self.overlap(&later)
+                && self.overlap(object, &later)
                 && points.wake(*place, reserve, face).is_some_and(|key| near.try_push(key).is_ok());
             !is_woken
         });
@@ -479,7 +479,7 @@ impl ContactGeometry {
         let motion = moved + object.speed * step.dt;
         // A step brings nothing nearer by more than the motion in it; what is met may be another wall than
         // that at the gap.
-        if is_beside || !self.overlap(later) || later.distance < gap.min(0.0) - motion {
+        if is_beside || !self.overlap(object, later) || later.distance < gap.min(0.0) - motion {
             return None;
         }
         let end = self.contact_at(key, object, step, 1.0, later);
@@ -528,9 +528,11 @@ impl ContactGeometry {
         closer.is_some()
     }
 
-    /// Whether the surfaces are not clear of each other at a point: where it is or at features that touch.
-    fn overlap(&self, measured: &Measured) -> bool {
-        measured.distance < CLEAR * measured.held * self.margin || measured.nearest < 0.0
+    /// Whether the surface of an object is not clear of the body's at a point: where it is or at features that
+    /// touch.
+    fn overlap(&self, object: &NearObject, measured: &Measured) -> bool {
+        let is_held = measured.distance < CLEAR * measured.held * self.margin;
+        is_held || measured.nearest < 0.0 && !object.is_left_at(measured)
     }
 
     /// A point with its object.
@@ -542,8 +544,7 @@ impl ContactGeometry {
     /// The surfaces of the body and of an object after a share of a step.
     fn frames_at<'a>(&'a self, object: &'a NearObject, step: &Taken, share: f64) -> Frames<'a> {
         let mesh = step.at(share) * Pose::from_translation(-self.center_of_mass);
-        let pose = object.moved_on(step.dt * share);
-        Frames::new((&self.probe, &mesh), (&object.surface, &pose))
+        object.frames((&self.probe, &mesh), &object.moved_on(step.dt * share), self.margin)
     }
 }
 
@@ -566,6 +567,11 @@ fn settled(
 }
 
 impl NearObject {
+    /// Whether a point passes out of an overlap that was there from the start.
+    fn is_left_at(&self, measured: &Measured) -> bool {
+        self.overlapped && measured.distance == f64::INFINITY
+    }
+
     /// Pose of its mesh's frame a time (s) after the start of the step.
     fn moved_on(&self, dt: f64) -> Pose {
         let twist = self.motion.twist;
