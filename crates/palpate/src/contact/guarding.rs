@@ -26,9 +26,12 @@ const CELL: f64 = 0.02;
 /// overlap, and directions between them are lost.
 const MARGIN: f64 = 7e-5;
 
-/// Smallest distance within which points are guarded, in tolerances d. With less, a body at rest is held
-/// where it is when it starts to move.
-const MIN_REACH: f64 = 2.0;
+/// Speed up to which bodies are taken to be at rest, in tolerances d a second, and largest distance that this
+/// comes to, in d: they are guarded as far beyond what they move, and twice as far at least. With less, a body
+/// at rest is held where it is when it starts to move; with more, queries take longer. Where objects move by
+/// themselves it is the largest: they do not wait in a step that is longer than the time between queries.
+const AT_REST: f64 = 30.0;
+const MAX_AT_REST: f64 = 1.0;
 
 /// Number of query intervals for which a body has room: one passes before a query's answer is in use, another
 /// before that of the next one is, and one is a margin. With fewer, a body waits for queries.
@@ -109,7 +112,9 @@ impl ContactLoop {
         let scale = self.all_settings.device.workspace_scale;
         let acceleration = scale * if pull.waited { WAITED_ACCELERATION } else { ACCELERATION };
         let pulled = (0.5 * acceleration * ahead * ahead).min(pull.stretch + pull.speed * ahead);
-        let reach = (tolerance + speed * ahead + pulled).max(MIN_REACH * tolerance);
+        let at_rest = if self.moving.is_empty() { (AT_REST * ahead).min(MAX_AT_REST) } else { MAX_AT_REST };
+        let at_rest = at_rest * tolerance;
+        let reach = (at_rest + speed * ahead + pulled).max(2.0 * at_rest);
         let radius = self.probe.bounding_radius();
         let edge = CELL * radius;
         let enough = {
