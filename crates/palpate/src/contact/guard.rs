@@ -409,6 +409,16 @@ impl Guard {
         }
     }
 
+    /// Slack of the nearest point of the last query, m.
+    pub fn nearest(&self) -> f64 {
+        self.points.first().map_or(f64::INFINITY, |point| point.slack.into())
+    }
+
+    /// Edge of the last query's cells, in that of the finest.
+    pub fn growth(&self) -> f64 {
+        Cells::new(1.0, self.coarseness).edge
+    }
+
     /// Room for the points of a geometry and their starts: where the haptic loop no longer reads some,
     /// theirs.
     pub fn room(&mut self) -> (Arc<Vec<GuardedPoint>>, Arc<Vec<Reserve>>) {

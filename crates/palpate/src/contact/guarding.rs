@@ -11,7 +11,9 @@ use palpate_field::FeatureMesh;
 
 use super::ContactLoop;
 use super::assemble::counterpart;
-use super::geometry::{ContactGeometry, FarObject, MAX_FAR, MAX_OBJECT_MOTION, MAX_OBJECTS, NearObject};
+use super::geometry::{
+    ContactGeometry, FarObject, MAX_FAR, MAX_OBJECT_MOTION, MAX_OBJECTS, NearObject, reach_of_step,
+};
 use super::guard::{Guard, Limits, Start};
 use super::guarded_point::{GuardedPoint, OVERLAP};
 use super::in_scene::InScene;
@@ -70,8 +72,16 @@ const HAND_ACCELERATION: f64 = 50.0;
 /// Time of motion within which a step may meet a point, s. With more, cells are larger than they need to be.
 const NEAR_TIME: f64 = 1e-3;
 
-/// The same for a body at rest, in tolerances d.
+/// The same for a body at rest, in tolerances d, if the reach of a step is not more.
 const MIN_NEAR: f64 = 0.1;
+
+/// Distance beyond which a bound on motion need not be known near a surface, in lengths of the reach. With
+/// more, close fits are searched further than a body in them comes.
+const ENOUGH: f64 = 1.25;
+
+/// Largest edge of cells that starts are as fine as, in that of the smallest. With more, one start may stand
+/// for all of a body.
+const MAX_GROWTH: f64 = 8.0;
 
 /// Number of distances that a query reads at most, for each second of the time between queries: so it takes
 /// less than that time, and the next one no longer for this one having been late. With fewer, what is new to
@@ -121,7 +131,10 @@ impl ContactLoop {
             let ahead = INTERVALS * if interval > 0.0 { interval } else { FIRST_INTERVAL };
             reach + (pull.speed + 0.5 * scale * HAND_ACCELERATION * ahead) * ahead
         };
-        let reaches = Reaches { reach, enough, edge, long: LONG * edge };
+        // A body that touches a surface is held there anyway, if it speeds up.
+        let enough = if self.guard.nearest() < reach { enough.min(ENOUGH * reach) } else { enough };
+        let cell = edge * self.guard.growth().min(MAX_GROWTH);
+        let reaches = Reaches { reach, enough, edge, cell, long: LONG * edge };
         let (points, reserves) = self.guard.room();
         let mut geometry = ContactGeometry {
             probe: self.probe.features()?,
@@ -143,7 +156,7 @@ impl ContactLoop {
         let readings = ((READINGS * interval) as usize).clamp(MIN_READINGS, MAX_READINGS);
         let room = self.start(&mut guard, &mut geometry, &mesh, &reaches, readings);
         let room = room.min(guard.limit(MAX_STARTS).max(MIN_ROOM * tolerance));
-        let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
+        let near = (MIN_NEAR * tolerance).max(reach_of_step(0.0, 0.0, scale)) + speed * NEAR_TIME;
         let limits = Limits { edge, near, room: reach };
         let (nearest, dropped) = guard.fill(&mut geometry, &mesh, &limits);
         // Points for which there is no room are further away than all others.

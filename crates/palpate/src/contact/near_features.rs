@@ -23,15 +23,15 @@ use palpate_field::{FeatureMesh, Leash, Place};
 
 use self::flat_run::{FLAT_STEP, FlatRun};
 use self::region::{Region, Sphere, Within, is_long};
-use self::search::{Nearest, Reading, SHARE, Search, Side};
+use self::search::{Nearest, Reading, Search, Side};
 
-/// Radius of a sphere out of reach from which it is divided, as a fraction of its distance. With more, the
-/// bound on motion is far below the true distance; with less, more distances are read.
-const COARSE: f64 = 0.25;
+/// Radius of a sphere out of reach from which it is divided, as fractions of its distance and of the smallest
+/// cells' edge. With more, the bound on motion is far below the true distance; with less, more distances are
+/// read.
+const COARSE: (f64, f64) = (0.25, 0.5);
 
-/// The same of a sphere that takes the place of those below it again, and for one start to.
-const MERGED: f64 = 0.5 * COARSE;
-const MERGED_SHARE: f64 = 0.5 * SHARE.0;
+/// The same of a sphere that takes the place of those below it again, as a fraction of its distance.
+const MERGED: f64 = 0.5 * COARSE.0;
 
 /// Motion after which a distance out of reach is read again, as a fraction of it. With more, the bound on
 /// motion of a body that leaves a surface stays behind the true distance; with less, more distances are read.
@@ -72,8 +72,9 @@ pub(super) struct Reaches {
     pub reach: f64,
     /// Distance beyond which a bound on motion need not be known, m.
     pub enough: f64,
-    /// Edge of the smallest cells, m.
+    /// Edge of the smallest cells, m, and of those that are in use: at least that.
     pub edge: f64,
+    pub cell: f64,
     /// Length above which edges are searched by themselves, m.
     pub long: f64,
 }
@@ -309,7 +310,7 @@ impl NearFeatures {
         let sphere = search.sphere(above);
         let (distance, apart) = start.reading.known(self.moved);
         let least = distance - apart - sphere.center.distance(start.sphere.center) - sphere.extent;
-        if sphere.radius > MERGED_SHARE * least || !search.is_one(above, &sphere, least) {
+        if !search.is_small(2.0 * sphere.radius, least) || !search.is_one(above, &sphere, least) {
             return None;
         }
         let is_start = |below: &Region| self.front.get(below) == Some(&State::Start);
@@ -345,7 +346,8 @@ impl NearFeatures {
             let least = distance - apart - sphere.extent;
             let until = self.moved + least;
             if least > reach {
-                if least < enough && !sphere.is_single && sphere.radius > COARSE * least {
+                let coarse = (COARSE.0 * least).max(COARSE.1 * search.reaches.edge);
+                if least < enough && !sphere.is_single && sphere.radius > coarse {
                     self.divide(search, region, &sphere, &reading);
                 } else if is_known {
                     self.wait(region, until, reading);

@@ -182,7 +182,8 @@ impl GuardedPoint {
         if slope.abs() > ALONG_EDGE || is_leashed() {
             return Measured { distance: f64::INFINITY, ..measured };
         }
-        if !is_held {
+        // In an overlap from the start, what is aslant of an edge would hold bodies that pass out of each other.
+        if !is_held || frames.margin.is_some() && closest.distance < 0.0 {
             return measured;
         }
         let level = (outward - direction * slope) / (1.0 - slope * slope).sqrt();

@@ -7,13 +7,12 @@ use palpate_field::{FeatureMesh, FeatureNode, FeatureTree, Place};
 use super::Reaches;
 use super::region::{Region, Sphere, Within, ends_of_part};
 
-/// Radius of spheres that one start stands for, as fractions of their distance and of the smallest cells'
-/// edge. With more, minima of the distance are missed; with less, there are more starts.
-pub const SHARE: (f64, f64) = (0.4, 0.5);
+/// Radius of spheres that one start stands for, as fractions of their distance and of the cells' edge. With more, minima of the distance are missed; with less, there are more starts.
+const SHARE: (f64, f64) = (0.4, 0.5);
 
 /// Motion after which the distance of a start is read again, as fractions of that distance and of the reach.
 /// With more, starts are chosen by older distances; with less, more distances are read.
-const STALE: (f64, f64) = (0.3, 0.05);
+const STALE: (f64, f64) = (0.3, 0.25);
 
 /// Rounding of distances in single precision, as a fraction of them.
 const ROUNDING: f64 = 1e-6;
@@ -111,7 +110,7 @@ impl Search<'_> {
     }
 
     pub fn is_small(&self, radius: f64, least: f64) -> bool {
-        radius <= (SHARE.0 * least).max(SHARE.1 * self.reaches.edge)
+        radius <= (SHARE.0 * least).max(SHARE.1 * self.reaches.cell)
     }
 
     /// The feature of a region nearest to a point (own frame, m), with a reading there. That of the region's

@@ -90,7 +90,7 @@ fn all_that_is_nearer_than_the_bound_is_passed_on() {
             (pose, gap) = (to, least);
             let edge = [0.02, 0.1][step / 200 % 2] * radius;
             let reach = [2e-3, 1e-2][step / 100 % 2];
-            let reaches = Reaches { reach, enough: 0.03, edge, long: 2.0 * edge };
+            let reaches = Reaches { reach, enough: 0.03, edge, cell: edge, long: 2.0 * edge };
             let mut found = Vec::new();
             let (own, other) = ((&probe, &pose), (&scene, &Pose::IDENTITY));
             let most = [usize::MAX, 64][step / 25 % 2];
@@ -141,7 +141,7 @@ fn queries_are_cut_short_and_gone_on_with() {
     const MOST: usize = 512;
     let (scene, radius) = (FeatureMesh::new(&block(2.0 * HALF)), 0.03);
     let edge = 0.02 * radius;
-    let near = Reaches { reach: 2e-3, enough: 0.03, edge, long: 2.0 * edge };
+    let near = Reaches { reach: 2e-3, enough: 0.03, edge, cell: edge, long: 2.0 * edge };
     for sides in [96, 160] {
         let probe = FeatureMesh::new(&ball(radius, sides));
         for gap in [0.02, 1e-3, 0.0, -1e-3] {
@@ -176,7 +176,7 @@ fn what_was_divided_becomes_whole() {
         let probe = FeatureMesh::new(&mesh);
         let half = mesh.vertices().iter().map(|vertex| vertex.z).fold(0.0, f64::max);
         let edge = 0.02 * radius;
-        let near = Reaches { reach: 1e-2, enough: 0.03, edge, long: 2.0 * edge };
+        let near = Reaches { reach: 1e-2, enough: 0.03, edge, cell: edge, long: 2.0 * edge };
         let starts = |known: &mut NearFeatures, at: DVec3| {
             let (mut passed, pose) = (0_u32, Pose::from_translation(at));
             let (own, other) = ((&probe, &pose), (&scene, &Pose::IDENTITY));
