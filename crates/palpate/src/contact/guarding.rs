@@ -88,7 +88,11 @@ const MAX_GROWTH: f64 = 8.0;
 /// a fast body waits for the next queries, and the body with it.
 const READINGS: f64 = 1.5e6;
 
-/// Least and largest number of them.
+/// The same of the first query. With fewer, a body that starts near a surface waits for longer; with more, it
+/// takes longer until it is held.
+const FIRST_READINGS: usize = 1024;
+
+/// Least and largest number of them of others.
 const MIN_READINGS: usize = 4096;
 const MAX_READINGS: usize = 32_768;
 
@@ -153,7 +157,10 @@ impl ContactLoop {
         let mesh = body.pose * Pose::from_translation(-self.center_of_mass);
         let mut guard = std::mem::take(&mut self.guard);
         guard.starts.clear();
-        let readings = ((READINGS * interval) as usize).clamp(MIN_READINGS, MAX_READINGS);
+        let readings = match interval > 0.0 {
+            true => ((READINGS * interval) as usize).clamp(MIN_READINGS, MAX_READINGS),
+            false => FIRST_READINGS,
+        };
         let room = self.start(&mut guard, &mut geometry, &mesh, &reaches, readings);
         let room = room.min(guard.limit(MAX_STARTS).max(MIN_ROOM * tolerance));
         let near = (MIN_NEAR * tolerance).max(reach_of_step(0.0, 0.0, scale)) + speed * NEAR_TIME;

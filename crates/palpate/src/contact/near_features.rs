@@ -1,12 +1,12 @@
 //! The convex features of two surfaces near each other, where guarded points start, and how far the bodies
 //! may move before any other feature could touch: first contacts are at convex features alone.
 //!
-//! Each body's features are in a [hierarchy](palpate_field::FeatureTree) of spheres, and those of long edges in halves of
-//! them, and so on. A front through these is followed from query to query. Its regions within reach are
-//! starts; the others wait, in the order in which they could touch. A query takes up those whose turn it is:
-//! it reads a region's distance from the other surface at its centre, exactly, and makes it a start, divides
-//! it, or lets it wait for longer. It does so for a number of readings at most, and what it has not come to
-//! bounds the motion by a distance that is proved.
+//! Each body's features are in a [hierarchy](palpate_field::FeatureTree) of spheres, and those of long edges
+//! in halves of them, and so on. A front through these is followed from query to query. Its regions within
+//! reach are starts; the others wait, in the order in which they could touch. A query takes up those whose
+//! turn it is: it reads a region's distance from the other surface at its centre, exactly, and makes it a
+//! start, divides it, or lets it wait for longer. It does so for a number of readings at most, and what it
+//! has not come to bounds the motion by a distance that is proved.
 
 mod flat_run;
 mod region;

@@ -10,9 +10,13 @@ use super::region::{Region, Sphere, Within, ends_of_part};
 /// Radius of spheres that one start stands for, as fractions of their distance and of the cells' edge. With more, minima of the distance are missed; with less, there are more starts.
 const SHARE: (f64, f64) = (0.4, 0.5);
 
-/// Motion after which the distance of a start is read again, as fractions of that distance and of the reach.
-/// With more, starts are chosen by older distances; with less, more distances are read.
-const STALE: (f64, f64) = (0.3, 0.25);
+/// Motion after which the distance of a start is read again, as a fraction of that distance. With more, starts
+/// are chosen by older distances; with less, more distances are read.
+const STALE: f64 = 0.3;
+
+/// The same beyond that, as fractions of the reach, and of the reach or the smallest cells' edge, which is
+/// less: a little of a long reach is much of a cell.
+const LATE: (f64, f64) = (0.05, 0.25);
 
 /// Rounding of distances in single precision, as a fraction of them.
 const ROUNDING: f64 = 1e-6;
@@ -96,7 +100,9 @@ impl Search<'_> {
     }
 
     pub fn is_stale(&self, reading: &Reading) -> bool {
-        self.moved - reading.at > STALE.0 * f64::from(reading.distance).abs() + STALE.1 * self.reaches.reach
+        let Reaches { reach, edge, .. } = self.reaches;
+        let late = (LATE.0 * reach).max(LATE.1 * reach.min(edge));
+        self.moved - reading.at > STALE * f64::from(reading.distance).abs() + late
     }
 
     /// Whether one start may stand for a region at least so far away (m).
