@@ -29,9 +29,10 @@ const CELL: f64 = 0.02;
 const MARGIN: f64 = 7e-5;
 
 /// Speed up to which bodies are taken to be at rest, in tolerances d a second, and largest distance that this
-/// comes to, in d: they are guarded as far beyond what they move, and twice as far at least. With less, a body
-/// at rest is held where it is when it starts to move; with more, queries take longer. Where objects move by
-/// themselves it is the largest: they do not wait in a step that is longer than the time between queries.
+/// comes to, in d: they are guarded as far beyond what they move, and twice as far at least. With less, a
+/// body at rest is held where it is when it starts to move; with more, queries take longer. Where objects
+/// move by themselves it is the largest: they do not wait in a step that is longer than the time between
+/// queries.
 const AT_REST: f64 = 30.0;
 const MAX_AT_REST: f64 = 1.0;
 
@@ -90,7 +91,7 @@ const READINGS: f64 = 1.5e6;
 
 /// The same of the first query. With fewer, a body that starts near a surface waits for longer; with more, it
 /// takes longer until it is held.
-const FIRST_READINGS: usize = 1024;
+const FIRST_READINGS: usize = 2048;
 
 /// Least and largest number of them of others.
 const MIN_READINGS: usize = 4096;

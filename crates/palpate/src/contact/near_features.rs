@@ -8,6 +8,7 @@
 //! start, divides it, or lets it wait for longer. It does so for a number of readings at most, and what it
 //! has not come to bounds the motion by a distance that is proved.
 
+mod feature;
 mod flat_run;
 mod region;
 mod search;
@@ -21,6 +22,8 @@ use palpate_core::glam::DVec3;
 use palpate_dynamics::MotionBound;
 use palpate_field::{FeatureMesh, Leash, Place};
 
+use self::feature::leash;
+pub(super) use self::feature::{NearFeature, Reaches};
 use self::flat_run::{FLAT_STEP, FlatRun};
 use self::region::{Region, Sphere, Within, is_long};
 use self::search::{Nearest, Reading, Search, Side};
@@ -43,41 +46,6 @@ const LEFT: f64 = 2.0;
 
 /// Number of entries of regions that no longer wait beside those that do, from which they are taken out.
 const MAX_LOST: usize = 4096;
-
-/// A feature near the other surface.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct NearFeature {
-    pub place: Place,
-    /// Whether it is on the probe.
-    pub is_probe: bool,
-    /// Whether its neighbours do not stand for it.
-    pub is_tip: bool,
-    /// Its position in its own body's frame, m.
-    pub point: DVec3,
-    /// Its distance from the other surface, and by how much that may be off, m.
-    pub distance: f64,
-    pub apart: f64,
-    /// Lower bound on the distance of what it stands for, m.
-    pub least: f64,
-    /// Where what it stands for is: its point may move as far.
-    pub leash: Leash,
-    /// Hint for a search of the other surface from there.
-    pub hint: u32,
-}
-
-/// Distances of a search.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Reaches {
-    /// Distance within which features are passed on, m.
-    pub reach: f64,
-    /// Distance beyond which a bound on motion need not be known, m.
-    pub enough: f64,
-    /// Edge of the smallest cells, m, and of those that are in use: at least that.
-    pub edge: f64,
-    pub cell: f64,
-    /// Length above which edges are searched by themselves, m.
-    pub long: f64,
-}
 
 /// What is known of the distances between two bodies.
 #[derive(Clone, Debug, Default)]
@@ -470,10 +438,6 @@ impl Start {
         let (is_probe, hint, least) = (self.region.is_probe, reading.hint, self.least(moved));
         NearFeature { place, is_probe, is_tip, point, distance, apart, least, leash, hint }
     }
-}
-
-fn leash(home: DVec3, length: f64) -> Leash {
-    Leash { home, length: (length as f32).next_up() }
 }
 
 #[cfg(test)]

@@ -182,7 +182,7 @@ impl GuardedPoint {
         if slope.abs() > ALONG_EDGE || is_leashed() {
             return Measured { distance: f64::INFINITY, ..measured };
         }
-        // In an overlap from the start, what is aslant of an edge would hold bodies that pass out of each other.
+        // In an overlap from the start, what is aslant of an edge would hold bodies that leave each other.
         if !is_held || frames.margin.is_some() && closest.distance < 0.0 {
             return measured;
         }

@@ -2,7 +2,7 @@
 
 use palpate_core::glam::DVec3;
 
-use super::{NearFeature, leash};
+use super::feature::{NearFeature, leash};
 
 /// Largest distance between starts on an edge over one flat part of the other surface, in edges of cells.
 /// With more, the surface may end between them unseen; with less, edges that lie on faces have many contacts.

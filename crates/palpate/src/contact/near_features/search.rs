@@ -4,14 +4,15 @@ use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_field::{FeatureMesh, FeatureNode, FeatureTree, Place};
 
-use super::Reaches;
+use super::feature::Reaches;
 use super::region::{Region, Sphere, Within, ends_of_part};
 
-/// Radius of spheres that one start stands for, as fractions of their distance and of the cells' edge. With more, minima of the distance are missed; with less, there are more starts.
+/// Radius of spheres that one start stands for, as fractions of their distance and of the cells' edge.
+/// With more, minima of the distance are missed; with less, there are more starts.
 const SHARE: (f64, f64) = (0.4, 0.5);
 
-/// Motion after which the distance of a start is read again, as a fraction of that distance. With more, starts
-/// are chosen by older distances; with less, more distances are read.
+/// Motion after which the distance of a start is read again, as a fraction of that distance. With more,
+/// starts are chosen by older distances; with less, more distances are read.
 const STALE: f64 = 0.3;
 
 /// The same beyond that, as fractions of the reach, and of the reach or the smallest cells' edge, which is
