@@ -528,8 +528,8 @@ impl ContactGeometry {
         closer.is_some()
     }
 
-    /// Whether the surface of an object is not clear of the body's at a point: where it is or at features that
-    /// touch.
+    /// Whether the surface of an object is not clear of the body's at a point: where it is or at features
+    /// that touch.
     fn overlap(&self, object: &NearObject, measured: &Measured) -> bool {
         let is_held = measured.distance < CLEAR * measured.held * self.margin;
         is_held || measured.nearest < 0.0 && !object.is_left_at(measured)
