@@ -6,7 +6,7 @@ use super::feature::{NearFeature, leash};
 
 /// Largest distance between starts on an edge over one flat part of the other surface, in edges of cells.
 /// With more, the surface may end between them unseen; with less, edges that lie on faces have many contacts.
-pub const FLAT_STEP: f64 = 2.0;
+pub const FLAT_STEP: f64 = 4.0;
 
 /// Smallest cosine of the angle between faces of a flat part.
 const FLAT: f64 = 1.0 - 1e-9;
