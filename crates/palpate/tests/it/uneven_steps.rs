@@ -426,7 +426,7 @@ fn two_hands_meet_in_steps_of_varying_length() {
 }
 
 /// With random steps up to 20 ms, in which the hands come nearer by more than the plate is thick, the ball
-/// mostly stays on its side. The limit was set after what was found: a quarter to a third pass.
+/// mostly stays on its side. The limit was set after what was found: up to a third pass.
 #[test]
 fn two_hands_meet_in_long_steps_of_varying_length() {
     for rate in [500.0, 50.0] {
