@@ -51,6 +51,16 @@ impl Response {
         }
     }
 
+    /// The response of a body that a steady acceleration by other forces has changed by another one, with the
+    /// velocity that the host told of last: what [`observe`](Self::observe) converges to.
+    pub fn steady(load: &Six, seen: &Six, told: &Six, delay: f64) -> Self {
+        let [expected, seen] = [load, seen].map(|rate| rate.map(|rate| rate * delay));
+        let slow = std::array::from_fn(|index| told[index] - seen[index]);
+        let outer = |rows: &Six| rows.map(|row| expected.map(|column| MEMORY * delay * row * column));
+        let (squares, products) = (outer(&expected), outer(&seen));
+        Self { awaited: expected, expected, squares, products, ..Self::free(slow) }
+    }
+
     /// R z.
     pub fn shared(&self, z: &Six) -> Six {
         std::array::from_fn(|row| dot(&self.share[row], z))

@@ -91,6 +91,11 @@ impl PushedObjects {
         let twist = Twist::new(object.motion.twist.velocity_at(pose.translation), angular);
         let mut body = PushedBody::new(&pushable.body, &pushable.told).at_scale(self.scale);
         body.start(&pose, &twist);
+        if let (Some(acceleration), false) = (&pushable.acceleration, pushable.in_hand) {
+            body.set_delay(pushable.delay);
+            body.set_load(&pushable.load);
+            body.expect(acceleration);
+        }
         self.places.try_push(Placing { id, center, radius, near: 0 }).ok()?;
         self.bodies.try_push(body).ok()?;
         Some(self.places.len() - 1)
@@ -233,6 +238,7 @@ mod tests {
             in_hand: true,
             delay: 2e-3,
             load: Twist::ZERO,
+            acceleration: None,
             radius: RADIUS,
         };
         let mut objects = ArrayVec::new();

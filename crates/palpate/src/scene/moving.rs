@@ -81,14 +81,23 @@ pub(crate) struct MovingObject {
     motion: Option<Motion>,
     /// Pose of the mesh's frame and velocity of its origin, if the host has set them since the last step.
     given: Option<(Pose, Twist)>,
-    /// What the host said last: pose of the mesh's frame and velocity of its origin, at a time (s).
-    told: Option<(f64, Pose, Twist)>,
+    /// What the host said last, and before that.
+    told: Option<Told>,
+    told_before: Option<Told>,
     /// Pose and velocity to which the haptic loop has moved it.
     predicted: Option<(Pose, Twist)>,
     /// Dynamic body, with its inverse inertia.
     body: Option<(DynamicBody, DMat3)>,
     /// Motion of the object in another hand that this one is.
     leader: Option<triple_buffer::Output<HandMotion>>,
+}
+
+/// Pose of an object's mesh frame and velocity of its origin at a time (s), as its host said.
+#[derive(Clone, Copy, Debug)]
+struct Told {
+    time: f64,
+    pose: Pose,
+    twist: Twist,
 }
 
 /// Motion of the object in a hand, for another session.
@@ -119,6 +128,9 @@ pub(crate) struct Pushable {
     pub delay: f64,
     /// Acceleration by other forces, m/s² and rad/s².
     pub load: Twist,
+    /// Its acceleration between the last two states that its host told, m/s² and rad/s². A table holds it
+    /// where this is not the load.
+    pub acceleration: Option<Twist>,
     /// Bounding radius about the centre of mass, m.
     pub radius: f64,
 }
@@ -141,7 +153,7 @@ struct Motion {
 impl MovingObject {
     /// Makes an object that a host moves.
     pub fn new() -> Self {
-        Self { motion: None, given: None, told: None, predicted: None, body: None, leader: None }
+        Self { motion: None, given: None, told: None, told_before: None, predicted: None, body: None, leader: None }
     }
 
     /// Makes an object that is in another hand. Without a body it is one that is only waited for: the other
@@ -166,7 +178,7 @@ impl MovingObject {
     /// Sets the pose of the mesh's frame and the velocity of its origin, as they were at a time (s).
     pub fn set_motion(&mut self, pose: &Pose, twist: &Twist, time: f64) {
         self.given = Some((*pose, *twist));
-        self.told = Some((time, *pose, *twist));
+        self.told_before = self.told.replace(Told { time, pose: *pose, twist: *twist });
     }
 
     /// Takes over the motion that the haptic loop has found, or no longer does.
@@ -185,13 +197,15 @@ impl MovingObject {
     ) -> Option<Pushable> {
         let (dynamics, _) = self.body.as_ref()?;
         let DynamicBody { mass, inertia, center_of_mass, gravity, period } = *dynamics;
-        let (time, pose, twist) = self.told.map_or((f64::NEG_INFINITY, *pose, Twist::ZERO), |told| {
+        let never = Told { time: f64::NEG_INFINITY, pose: *pose, twist: Twist::ZERO };
+        let mut told = self.told.unwrap_or(never);
+        let mut acceleration = self.told_before.map(|before| told.acceleration_since(&before, &dynamics));
+        if self.told.is_some() && now - told.time > SILENCE * period {
             // A host that says nothing more has nothing more to say: the object is as it was.
-            let (time, pose, twist) = told;
-            let is_silent = now - time > SILENCE * period;
-            if is_silent { stood(&pose, &twist, (time, now - period)) } else { told }
-        });
-        let arm = pose.rotation * center_of_mass;
+            told = told.stood(now - period);
+            acceleration = Some(Twist::ZERO);
+        }
+        let Told { time, pose, .. } = told;
         Some(Pushable {
             id,
             body: Body::new(mass, inertia).ok()?,
@@ -199,12 +213,13 @@ impl MovingObject {
             told: HostState {
                 time,
                 pose: pose * Pose::from_translation(center_of_mass),
-                twist: Twist::new(twist.velocity_at(arm), twist.angular),
+                twist: told.twist_of(center_of_mass),
             },
             is_placed: self.told.is_none(),
             in_hand: self.leader.is_some(),
             delay: ANSWER * (period + if self.leader.is_some() { period } else { interval.max(0.0) }),
             load: Twist::new(gravity, DVec3::ZERO),
+            acceleration,
             radius,
         })
     }
@@ -225,7 +240,8 @@ impl MovingObject {
 
     /// Stops the object where it is.
     pub fn stop(&mut self) {
-        (self.motion, self.given, self.told, self.predicted) = (None, None, None, None);
+        (self.motion, self.given, self.predicted) = (None, None, None);
+        (self.told, self.told_before) = (None, None);
     }
 
     /// Pose of the mesh's frame at a time (s); `None` if the host has never moved it.
@@ -234,11 +250,11 @@ impl MovingObject {
             && leader.update()
         {
             let HandMotion { pose, twist, .. } = *leader.output_buffer();
-            self.told = Some((now, pose, twist));
+            self.told = Some(Told { time: now, pose, twist });
         }
         if self.leader.is_some() && self.predicted.is_none() {
             // It is told as often as it moves.
-            self.predicted = self.told.map(|(_, pose, twist)| (pose, twist));
+            self.predicted = self.told.map(|told| (told.pose, told.twist));
         }
         let given = self.given.take();
         if self.motion.is_none() && given.is_none() {
@@ -300,11 +316,27 @@ impl MovingObject {
     }
 }
 
-/// State of an object, told at the first of two times (s), at the second one: it moves on for a while, and
-/// then stands.
-fn stood(pose: &Pose, twist: &Twist, (time, then): (f64, f64)) -> (f64, Pose, Twist) {
-    let pose = pose.moved(twist, (then - time).clamp(0.0, MAX_EXTRAPOLATION));
-    (then, pose, if then - time < MAX_EXTRAPOLATION { *twist } else { Twist::ZERO })
+impl Told {
+    /// The state at a time (s) if its host says nothing more: it moves on for a while, and then stands.
+    fn stood(&self, time: f64) -> Self {
+        let pose = self.pose.moved(&self.twist, (time - self.time).clamp(0.0, MAX_EXTRAPOLATION));
+        let twist = if time - self.time < MAX_EXTRAPOLATION { self.twist } else { Twist::ZERO };
+        Self { time, pose, twist }
+    }
+
+    /// Velocity of a centre of mass in the mesh's frame (m), and angular velocity.
+    fn twist_of(&self, center_of_mass: DVec3) -> Twist {
+        let arm = self.pose.rotation * center_of_mass;
+        Twist::new(self.twist.velocity_at(arm), self.twist.angular)
+    }
+
+    /// Mean acceleration of the centre of mass since an earlier state, and angular one. Two states that come
+    /// at once are a step of the host's apart.
+    fn acceleration_since(&self, before: &Self, body: &DynamicBody) -> Twist {
+        let rate = 1.0 / (self.time - before.time).max(body.period);
+        let [now, then] = [self, before].map(|told| told.twist_of(body.center_of_mass));
+        Twist::new((now.linear - then.linear) * rate, (now.angular - then.angular) * rate)
+    }
 }
 
 impl Motion {

@@ -295,3 +295,43 @@ fn a_body_that_is_put_elsewhere_is_there() {
     assert_eq!(pushed.pose().translation.z, 0.5);
     assert_eq!(step(&mut pushed, DVec3::ZERO), 0.5);
 }
+
+/// A body that starts as its host's last states show it goes on as one that was watched for long: one that
+/// lies on a table, one that falls, and one that slides down a slope.
+#[test]
+fn a_body_starts_as_its_host_has_shown_it() {
+    let gravity = DVec3::NEG_Z * GRAVITY;
+    let down = DVec3::new(1.0, 0.0, -1.0).normalize();
+    for shown in [DVec3::ZERO, gravity, down * gravity.dot(down)] {
+        let at = |time: f64| HostState {
+            time,
+            pose: Pose::from_translation(shown * (0.5 * time * time)),
+            twist: Twist::new(shown * time, DVec3::ZERO),
+        };
+        let start = |time: f64, load: DVec3| {
+            let mut pushed = PushedBody::new(&solid(0.2), &at(time));
+            pushed.set_delay(0.024);
+            pushed.set_load(&Twist::new(load, DVec3::ZERO));
+            pushed
+        };
+        let mut watched = start(0.0, gravity);
+        for step in 1..=1000 {
+            watched.begin(DT);
+            watched.end(DT, DT * f64::from(step));
+            watched.hear(&at(DT * f64::from(step)));
+            watched.learn();
+        }
+        let mut known = start(1.0, gravity);
+        known.expect(&Twist::new(shown, DVec3::ZERO));
+        for impulse in [DVec3::X, DVec3::Z, DVec3::new(0.3, -0.5, 0.2)] {
+            let [one, other] = [&watched, &known].map(|body| body.change((impulse, DVec3::ZERO)).linear);
+            // A step of 1 ms is a 24th of the delay.
+            assert!(one.distance(other) < 5.0 / 24.0, "{shown}, {impulse}: {one} and {other} m/s");
+        }
+        // A wrong acceleration is told from a right one.
+        let mut wrong = start(1.0, gravity);
+        wrong.expect(&Twist::new(if shown == gravity { DVec3::ZERO } else { gravity }, DVec3::ZERO));
+        let [one, other] = [&watched, &wrong].map(|body| body.change((DVec3::Z, DVec3::ZERO)).linear);
+        assert!(one.distance(other) > 0.4 * 5.0, "{shown}: {one} and {other} m/s");
+    }
+}
