@@ -96,22 +96,10 @@ impl ExactDistance {
 
     /// The point of the surface nearest to a point, m. `hint` is that of a search nearby, or 0.
     pub fn nearest(&self, p: DVec3, hint: u32) -> Nearest {
-        self.nearest_within(p, hint, 1.0)
-    }
-
-    /// A point of the surface that is hardly further from a point (m) than the nearest one: no distance is
-    /// below `share` times that found. Inside of the surface it is the nearest.
-    pub fn near(&self, p: DVec3, hint: u32, share: f64) -> Nearest {
-        let found = self.nearest_within(p, hint, share);
-        // Another point than the nearest does not tell the sides of thin walls apart.
-        if found.distance < 0.0 { self.nearest_within(p, found.hint, 1.0) } else { found }
-    }
-
-    fn nearest_within(&self, p: DVec3, hint: u32, share: f64) -> Nearest {
         let start = closest(p, &self.triangles[hint as usize].corners);
         let start_squared = start.0.distance_squared(p);
         let (((point, feature), hint), squared) =
-            self.search(p, start_squared, share).unwrap_or(((start, hint), start_squared));
+            self.search(p, start_squared).unwrap_or(((start, hint), start_squared));
         let triangle = &self.triangles[hint as usize];
         let normal = match feature {
             Feature::Face => triangle.normal,
@@ -127,19 +115,19 @@ impl ExactDistance {
     /// Index in the mesh of the triangle nearest to a point, if one is nearer than a distance, m: a search of
     /// a small ball, whatever the mesh's size.
     pub fn nearer(&self, p: DVec3, distance: f64) -> Option<u32> {
-        let ((_, hint), _) = self.search(p, distance * distance, 1.0)?;
+        let ((_, hint), _) = self.search(p, distance * distance)?;
         Some(self.triangles[hint as usize].index)
     }
 
     /// The nearest point with its feature and triangle, and its squared distance, if that is less than one,
-    /// m²; or a point with no distance below `share` times its own.
-    fn search(&self, p: DVec3, mut squared: f64, share: f64) -> Option<(Found, f64)> {
+    /// m².
+    fn search(&self, p: DVec3, mut squared: f64) -> Option<(Found, f64)> {
         let closest = |index: u32| closest(p, &self.triangles[index as usize].corners);
         let mut best = None;
         let at = ((p - self.middle) / self.size).as_vec3();
         let at = [at.x, at.y, at.z].map(f32x4::splat);
         let limit = |squared: f64| {
-            let distance = share * squared.sqrt() / self.size;
+            let distance = squared.sqrt() / self.size;
             (distance + SEARCH_MARGIN * (distance + 1.0)).powi(2) as f32
         };
         let mut most = limit(squared);

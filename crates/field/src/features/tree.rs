@@ -8,6 +8,7 @@
 use glam::DVec3;
 
 use super::{FeatureMesh, NONE, Place};
+use crate::exact::Nearest;
 
 /// Number of children of a node.
 const CHILDREN: usize = 4;
@@ -27,6 +28,8 @@ pub struct Node {
     pub extent: f64,
     /// Whether one of its vertices is a tip: a vertex of whose faces one is steep.
     pub has_tip: bool,
+    /// Index of the node above; that of the root is its own.
+    pub parent: u32,
     /// The nodes below; none below a single feature.
     pub children: std::ops::Range<u32>,
     /// Index of the vertex or edge, if it is a single one.
@@ -60,6 +63,7 @@ impl FeatureTree {
                 radius: half,
                 extent: half,
                 has_tip: false,
+                parent: 0,
                 children: 0..0,
                 feature: edge,
             });
@@ -71,6 +75,7 @@ impl FeatureTree {
                 radius: 0.0,
                 extent,
                 has_tip: mesh.is_tip(vertex as u32),
+                parent: 0,
                 children: 0..0,
                 feature: vertex as u32,
             })
@@ -115,14 +120,12 @@ impl FeatureMesh {
         self.is_closed
     }
 
-    /// Signed distance of a point from the surface, m, and a hint for a search nearby; 0 is one, too.
-    /// Outside, it may be too large: it is at least `share` times what is returned.
-    pub fn distance(&self, p: DVec3, hint: u32, share: f64) -> (f64, u32) {
-        let found = self.exact.near(p, hint, share);
-        (found.distance, found.hint)
+    /// The point of the surface nearest to another one, m. `hint` is that of a search nearby; 0 is one, too.
+    pub fn nearest_from(&self, p: DVec3, hint: u32) -> Nearest {
+        self.exact.nearest(p, hint)
     }
 
-    /// The face nearest to a point, m; `hint` is that of a [distance](Self::distance) nearby.
+    /// The face nearest to a point, m; `hint` is that of a [search](Self::nearest_from) nearby.
     pub fn face_near(&self, p: DVec3, hint: u32) -> u32 {
         self.exact.nearest(p, hint).triangle
     }
@@ -167,7 +170,7 @@ fn divide(features: &mut [Node], node: usize, nodes: &mut Vec<Node>) {
     let first = nodes.len();
     let own: Vec<&mut [Node]> =
         if features.len() <= CHILDREN { features.chunks_mut(1).collect() } else { quarters(features) };
-    nodes.extend(own.iter().map(|own| around(own)));
+    nodes.extend(own.iter().map(|own| Node { parent: node as u32, ..around(own) }));
     nodes[node].children = first as u32..nodes.len() as u32;
     for (index, own) in own.into_iter().enumerate() {
         divide(own, first + index, nodes);
@@ -207,6 +210,7 @@ fn around(features: &[Node]) -> Node {
         radius: features.iter().fold(0.0, farthest),
         extent: features.iter().fold(0.0, |most: f64, node| most.max(node.extent)),
         has_tip: features.iter().any(|node| node.has_tip),
+        parent: 0,
         children: 0..0,
         feature: 0,
     }
@@ -240,6 +244,9 @@ mod tests {
                 seen.dedup();
                 assert_eq!(seen.len(), nodes.iter().filter(|node| node.children.is_empty()).count());
                 for node in nodes {
+                    for child in node.children.clone() {
+                        assert!(std::ptr::eq(&nodes[nodes[child as usize].parent as usize], node));
+                    }
                     for single in singles(nodes, node) {
                         let far = node.center.distance(single.center) + single.radius;
                         assert!(far <= node.radius * (1.0 + 1e-12) && single.extent <= node.extent);

@@ -41,7 +41,7 @@ pub(crate) const MAX_RESERVES: usize = 4096;
 
 /// Largest number of reserves that a step measures. With more, steps take longer; with fewer, fast bodies
 /// among many others go into them.
-const MAX_LOOKS: usize = 128;
+const MAX_LOOKS: usize = 512;
 
 /// Largest number of points that a step may reach. With fewer, more of a body's motion waits where it touches
 /// much at once; with more, it takes longer to tell their contacts apart.
@@ -56,6 +56,15 @@ pub(crate) const MAX_OBJECTS: usize = 64;
 /// Largest number of objects whose bounds are held against where the body has come to. With more, steps take
 /// longer; with fewer, a body that leaves many objects fast waits for contacts.
 pub(crate) const MAX_FAR: usize = 64;
+
+/// Distance within which a step's contacts are found, in lengths of a step at the present speed, and
+/// acceleration for which it has room beyond that, m/s² at the device. With less, an object that speeds up is
+/// held back for a step.
+const REACH: f64 = 2.0;
+const ACCELERATION: f64 = 30.0;
+
+/// Shortest time for which the acceleration counts, s: several steps of a fast loop.
+const MIN_TIME: f64 = 1e-3;
 
 /// Distance within which contacts with a scene object are wanted beyond that of the body's own motion, in
 /// lengths of the object's motion in this step.
@@ -192,6 +201,12 @@ pub(crate) struct StepMotion {
     pub reach: f64,
     /// Time of the step, s.
     pub dt: f64,
+}
+
+/// Distance within which contacts are wanted in a step of `dt` (s) of a body at a speed (m/s), m. `scale` is
+/// that of the workspace.
+pub(crate) fn reach_of_step(speed: f64, dt: f64, scale: f64) -> f64 {
+    REACH * speed * dt + scale * ACCELERATION * dt.max(MIN_TIME).powi(2)
 }
 
 impl ContactGeometry {

@@ -70,6 +70,10 @@ const LONGER: f32 = 2.0;
 /// with less, cells stay coarse.
 const FINER: f64 = 0.9;
 
+/// Share of a point's slack from which that of its start need not be known better. With more, starts are
+/// measured that do not have to be; with less, steps measure more of them.
+const KNOWN: f32 = 0.8;
+
 /// Bit of the keys of features.
 const FEATURE: u64 = 1 << 63;
 
@@ -405,6 +409,16 @@ impl Guard {
         }
     }
 
+    /// Slack of the nearest point of the last query, m.
+    pub fn nearest(&self) -> f64 {
+        self.points.first().map_or(f64::INFINITY, |point| point.slack.into())
+    }
+
+    /// Edge of the last query's cells, in that of the finest.
+    pub fn growth(&self) -> f64 {
+        Cells::new(1.0, self.coarseness).edge
+    }
+
     /// Room for the points of a geometry and their starts: where the haptic loop no longer reads some,
     /// theirs.
     pub fn room(&mut self) -> (Arc<Vec<GuardedPoint>>, Arc<Vec<Reserve>>) {
@@ -443,17 +457,16 @@ impl Guard {
         // Cells are made finer again where their points should fit: about as many of them are left as when
         // that was last tried, or else as now.
         let now = self.left[self.coarseness as usize].unwrap_or((1.0, 1.0));
-        while self.coarseness > 0 {
-            let finer = self.coarseness as usize - 1;
-            self.choose(&Cells::new(limits.edge, self.coarseness - 1), MAX_CELLS);
-            let (all, near) = self.left[finer].unwrap_or(now);
+        while let Some(finer) = self.coarseness.checked_sub(1) {
+            self.choose(&Cells::new(limits.edge, finer), MAX_CELLS);
+            let (all, near) = self.left[finer as usize].unwrap_or(now);
             let fit = |cells: usize, left: f64, most: usize| cells as f64 * left <= FINER * most as f64;
             let fits =
                 fit(self.chosen.len(), all, MAX_POINTS) && fit(self.near_cells(limits.near), near, MAX_NEAR);
             if !fits || self.are_too_many(limits.near) {
                 break;
             }
-            self.coarseness -= 1;
+            self.coarseness = finer;
         }
         loop {
             let cells = Cells::new(limits.edge, self.coarseness);
@@ -632,7 +645,7 @@ impl Guard {
             let least = (f64::from(start.distance - start.apart), hidden);
             let mut reserve = Reserve::new((on, leash), start.hint, is_probe, object, least);
             // Where it bounds the motion more than its point does, its distance has to be that of now.
-            if reserve.slack < made.point.slack {
+            if reserve.slack < KNOWN * made.point.slack {
                 reserve.slack = reserve.slack_at(reserve.closest(frames).distance);
             }
             reserves.push(reserve);

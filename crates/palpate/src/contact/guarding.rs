@@ -11,11 +11,13 @@ use palpate_field::FeatureMesh;
 
 use super::ContactLoop;
 use super::assemble::counterpart;
-use super::geometry::{ContactGeometry, FarObject, MAX_FAR, MAX_OBJECT_MOTION, MAX_OBJECTS, NearObject};
+use super::geometry::{
+    ContactGeometry, FarObject, MAX_FAR, MAX_OBJECT_MOTION, MAX_OBJECTS, NearObject, reach_of_step,
+};
 use super::guard::{Guard, Limits, Start};
 use super::guarded_point::{GuardedPoint, OVERLAP};
 use super::in_scene::InScene;
-use super::near_features::Reaches;
+use super::near_features::{NearFeature, Reaches};
 use super::pairs::{Found, Pull};
 
 /// Edge of the cells in each of which a point starts, in bounding radii of the body. With larger cells, local
@@ -26,9 +28,13 @@ const CELL: f64 = 0.02;
 /// overlap, and directions between them are lost.
 const MARGIN: f64 = 7e-5;
 
-/// Smallest distance within which points are guarded, in tolerances d. With less, a body at rest is held
-/// where it is when it starts to move.
-const MIN_REACH: f64 = 2.0;
+/// Speed up to which bodies are taken to be at rest, in tolerances d a second, and largest distance that this
+/// comes to, in d: they are guarded as far beyond what they move, and twice as far at least. With less, a
+/// body at rest is held where it is when it starts to move; with more, queries take longer. Where objects
+/// move by themselves it is the largest: they do not wait in a step that is longer than the time between
+/// queries.
+const AT_REST: f64 = 30.0;
+const MAX_AT_REST: f64 = 1.0;
 
 /// Number of query intervals for which a body has room: one passes before a query's answer is in use, another
 /// before that of the next one is, and one is a margin. With fewer, a body waits for queries.
@@ -67,8 +73,33 @@ const HAND_ACCELERATION: f64 = 50.0;
 /// Time of motion within which a step may meet a point, s. With more, cells are larger than they need to be.
 const NEAR_TIME: f64 = 1e-3;
 
-/// The same for a body at rest, in tolerances d.
+/// The same for a body at rest, in tolerances d, if the reach of a step is not more.
 const MIN_NEAR: f64 = 0.1;
+
+/// Distance beyond which a bound on motion need not be known near a surface, in lengths of the reach. With
+/// more, close fits are searched further than a body in them comes.
+const ENOUGH: f64 = 1.25;
+
+/// Largest edge of cells that starts are as fine as, in that of the smallest. With more, one start may stand
+/// for all of a body.
+const MAX_GROWTH: f64 = 8.0;
+
+/// Number of distances that a query reads at most, for each second of the time between queries: so it takes
+/// less than that time, and the next one no longer for this one having been late. With fewer, what is new to
+/// a fast body waits for the next queries, and the body with it.
+const READINGS: f64 = 1.5e6;
+
+/// The same of the first query. With fewer, a body that starts near a surface waits for longer; with more, it
+/// takes longer until it is held.
+const FIRST_READINGS: usize = 2048;
+
+/// Least and largest number of them of others.
+const MIN_READINGS: usize = 4096;
+const MAX_READINGS: usize = 32_768;
+
+/// Share of them that is kept for starts that are known. With less, points start by older distances where
+/// much is new; with more, what is new waits.
+const FOR_STARTS: f64 = 0.25;
 
 impl ContactLoop {
     /// Whether contacts with the object at a place are constraints. Contacts with light objects that they
@@ -96,14 +127,19 @@ impl ContactLoop {
         let scale = self.all_settings.device.workspace_scale;
         let acceleration = scale * if pull.waited { WAITED_ACCELERATION } else { ACCELERATION };
         let pulled = (0.5 * acceleration * ahead * ahead).min(pull.stretch + pull.speed * ahead);
-        let reach = (tolerance + speed * ahead + pulled).max(MIN_REACH * tolerance);
+        let at_rest = if self.moving.is_empty() { (AT_REST * ahead).min(MAX_AT_REST) } else { MAX_AT_REST };
+        let at_rest = at_rest * tolerance;
+        let reach = (at_rest + speed * ahead + pulled).max(2.0 * at_rest);
         let radius = self.probe.bounding_radius();
         let edge = CELL * radius;
         let enough = {
             let ahead = INTERVALS * if interval > 0.0 { interval } else { FIRST_INTERVAL };
             reach + (pull.speed + 0.5 * scale * HAND_ACCELERATION * ahead) * ahead
         };
-        let reaches = Reaches { reach, enough, edge, long: LONG * edge };
+        // A body that touches a surface is held there anyway, if it speeds up.
+        let enough = if self.guard.nearest() < reach { enough.min(ENOUGH * reach) } else { enough };
+        let cell = edge * self.guard.growth().min(MAX_GROWTH);
+        let reaches = Reaches { reach, enough, edge, cell, long: LONG * edge };
         let (points, reserves) = self.guard.room();
         let mut geometry = ContactGeometry {
             probe: self.probe.features()?,
@@ -122,9 +158,13 @@ impl ContactLoop {
         let mesh = body.pose * Pose::from_translation(-self.center_of_mass);
         let mut guard = std::mem::take(&mut self.guard);
         guard.starts.clear();
-        let room = self.start(&mut guard, &mut geometry, &mesh, &reaches);
+        let readings = match interval > 0.0 {
+            true => ((READINGS * interval) as usize).clamp(MIN_READINGS, MAX_READINGS),
+            false => FIRST_READINGS,
+        };
+        let room = self.start(&mut guard, &mut geometry, &mesh, &reaches, readings);
         let room = room.min(guard.limit(MAX_STARTS).max(MIN_ROOM * tolerance));
-        let near = MIN_NEAR * tolerance + speed * NEAR_TIME;
+        let near = (MIN_NEAR * tolerance).max(reach_of_step(0.0, 0.0, scale)) + speed * NEAR_TIME;
         let limits = Limits { edge, near, room: reach };
         let (nearest, dropped) = guard.fill(&mut geometry, &mesh, &limits);
         // Points for which there is no room are further away than all others.
@@ -143,15 +183,16 @@ impl ContactLoop {
         Some(geometry)
     }
 
-    /// Starts points at the features of the body and of the objects near it. Returns how far the body may
-    /// move before it could touch something else than those or the far objects, m; 0 if an object could not
-    /// be searched.
+    /// Starts points at the features of the body and of the objects near it, as far as these are found by a
+    /// number of readings. Returns how far the body may move before it could touch something else than those
+    /// or the far objects, m; 0 if an object could not be searched.
     fn start(
         &mut self,
         guard: &mut Guard,
         geometry: &mut ContactGeometry,
         mesh: &Pose,
         reaches: &Reaches,
+        readings: usize,
     ) -> f64 {
         let events = &mut self.telemetry.events;
         let Ok(invalid) = self.scene.find_near(mesh, reaches.enough) else {
@@ -170,32 +211,39 @@ impl ContactLoop {
         far.clear();
         for &handle in &handles {
             let Some(object) = self.near_object(handle) else { continue };
-            let to_probe = mesh.inverse() * object.pose;
-            let (probe, scene) = (&*geometry.probe, &*object.surface);
-            let first = guard.starts.len();
             let known = pairs.of(object.place, &object.surface);
-            let clear = known.find((probe, mesh), (scene, &object.pose), ball, reaches, |near| {
+            known.begin((&geometry.probe, mesh), (&object.surface, &object.pose), ball, reaches);
+            near.push(Found::new(object));
+        }
+        let probe = &*geometry.probe;
+        let for_starts = (FOR_STARTS * readings as f64) as usize;
+        let mut left = for_starts + pairs.search(probe, &mut near, reaches, readings - for_starts);
+        for found in &mut near {
+            let Found { object, starts, least, since, room: clear, .. } = found;
+            let (to_probe, scene) = (mesh.inverse() * object.pose, &*object.surface);
+            starts.start = guard.starts.len();
+            let known = pairs.of(object.place, &object.surface);
+            let pass = |near: &NearFeature| {
                 let (at, direction) = if near.is_probe {
                     (near.point, probe.direction(&near.place))
                 } else {
                     let direction = to_probe.transform_vector(scene.direction(&near.place));
                     (to_probe.transform_point(near.point), direction)
                 };
+                *least = least.min(near.least);
                 guard.starts.push(Start::new(near, object.place, (at - ball.0, direction)));
-            });
+            };
+            let (others, rest) = known.end([probe, scene], (reaches, left), pass);
+            (starts.end, left, *since) = (guard.starts.len(), rest, known.since());
+            let clear = clear.min(others).max(0.0);
             let stands = self.objects.get(object.place).and_then(Option::as_ref).is_some_and(InScene::stands);
             if stands && clear < reaches.enough {
                 far.push(FarObject { pose: object.pose, bounds: scene.bounds(), room: clear });
             } else {
                 room = room.min(clear);
             }
-            let own = &guard.starts[first..];
-            if !own.is_empty() {
-                let least = own.iter().map(Start::least).fold(f64::INFINITY, f64::min);
-                let since = known.since();
-                near.push(Found { object, starts: first..guard.starts.len(), least, since });
-            }
         }
+        near.retain(|found| !found.starts.is_empty());
         if near.len() > MAX_OBJECTS {
             // Those without room bound the motion by their distance.
             near.select_nth_unstable_by(MAX_OBJECTS, |a, b| a.least.total_cmp(&b.least));

@@ -1,208 +1,414 @@
 //! The convex features of two surfaces near each other, where guarded points start, and how far the bodies
-//! may move before any other feature could touch.
+//! may move before any other feature could touch: first contacts are at convex features alone.
 //!
-//! Each body's features are in a [hierarchy](FeatureTree) of spheres. A sphere's distance from the other
-//! surface is read at its centre, exactly, and holds to within the motion since: it is read again only when
-//! that motion could decide whether the sphere is within reach. So a query costs what has changed, and what
-//! is left out bounds the motion by a distance that is proved: first contacts are at convex features alone.
+//! Each body's features are in a [hierarchy](palpate_field::FeatureTree) of spheres, and those of long edges
+//! in halves of them, and so on. A front through these is followed from query to query. Its regions within
+//! reach are starts; the others wait, in the order in which they could touch. A query takes up those whose
+//! turn it is: it reads a region's distance from the other surface at its centre, exactly, and makes it a
+//! start, divides it, or lets it wait for longer. It does so for a number of readings at most, and what it
+//! has not come to bounds the motion by a distance that is proved.
 
-use std::ops::Range;
+mod feature;
+mod flat_run;
+mod region;
+mod search;
 
+use std::cmp::Ordering;
+use std::collections::{BinaryHeap, HashMap};
+
+use foldhash::fast::FixedState;
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::MotionBound;
-use palpate_field::{FeatureMesh, FeatureNode, FeatureTree, Leash, Place};
+use palpate_field::{FeatureMesh, Leash, Place};
 
-/// Radius of spheres that one start stands for, as fractions of the distance and of the smallest cells' edge.
-/// With more, minima of the distance are missed; with less, there are more starts.
-const SHARE: (f64, f64) = (0.6, 0.5);
+use self::feature::leash;
+pub(super) use self::feature::{NearFeature, Reaches};
+use self::flat_run::{FLAT_STEP, FlatRun};
+use self::region::{Region, Sphere, Within, is_long};
+use self::search::{Nearest, Reading, Search, Side};
 
-/// Least share of a distance that is read that the true one may be. With more, it takes longer to read; with
-/// less, more distances are read.
-const EXACT: f64 = 0.85;
+/// Radius of a sphere out of reach from which it is divided, as fractions of its distance and of the smallest
+/// cells' edge. With more, the bound on motion is far below the true distance; with less, more distances are
+/// read.
+const COARSE: (f64, f64) = (0.25, 0.5);
 
-/// Radius of a sphere out of reach from which it is divided, as a fraction of its distance. With more, the
-/// bound on motion is far below the true distance; with less, more distances are read.
-const COARSE: f64 = 0.25;
-
-/// Motion after which a distance that does not show whether a sphere is out of reach is read again, as
-/// fractions of that distance and of the reach. With more, starts are chosen by older distances and some are
-/// out of reach; with less, more distances are read.
-const STALE: (f64, f64) = (0.3, 0.05);
+/// The same of a sphere that takes the place of those below it again, as a fraction of its distance.
+const MERGED: f64 = 0.5 * COARSE.0;
 
 /// Motion after which a distance out of reach is read again, as a fraction of it. With more, the bound on
 /// motion of a body that leaves a surface stays behind the true distance; with less, more distances are read.
 const WORN: f64 = 0.15;
 
-/// Number of readings of a query after which spheres out of reach are not divided further. With more, the
-/// first query of bodies far apart takes longer; with less, its bound is lower.
-const MAX_READ: usize = 1024;
+/// Distance up to which a start waits where it is, in lengths of the reach. With less, what is at the end of
+/// the reach starts anew in each query; with more, there are more starts to go through.
+const LEFT: f64 = 2.0;
 
-/// Largest distance between starts on an edge over one flat part of the other surface, in edges of cells.
-/// With more, the surface may end between them unseen; with less, edges that lie on faces have many contacts.
-const FLAT_STEP: f64 = 4.0;
-
-/// Smallest cosine of the angle between faces of a flat part.
-const FLAT: f64 = 1.0 - 1e-9;
-
-/// Rounding of distances in single precision, as a fraction of them.
-const ROUNDING: f64 = 1e-6;
-
-/// A feature near the other surface.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct NearFeature {
-    pub place: Place,
-    /// Whether it is on the probe.
-    pub is_probe: bool,
-    /// Whether its neighbours do not stand for it.
-    pub is_tip: bool,
-    /// Its position in its own body's frame, m.
-    pub point: DVec3,
-    /// Its distance from the other surface, and by how much that may be off, m.
-    pub distance: f64,
-    pub apart: f64,
-    /// Lower bound on the distance of what it stands for, m.
-    pub least: f64,
-    /// Where what it stands for is: its point may move as far.
-    pub leash: Leash,
-    /// Hint for a search of the other surface from there.
-    pub hint: u32,
-}
-
-/// Distances of a search.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Reaches {
-    /// Distance within which features are passed on, m.
-    pub reach: f64,
-    /// Distance beyond which a bound on motion need not be known, m.
-    pub enough: f64,
-    /// Edge of the smallest cells, m.
-    pub edge: f64,
-    /// Length above which edges are searched by themselves, m.
-    pub long: f64,
-}
+/// Number of entries of regions that no longer wait beside those that do, from which they are taken out.
+const MAX_LOST: usize = 4096;
 
 /// What is known of the distances between two bodies.
 #[derive(Clone, Debug, Default)]
 pub(super) struct NearFeatures {
-    /// Of the probe's features, and of the scene object's.
-    sides: [Readings; 2],
-    /// Pose of the probe's mesh in the object's frame at the last query.
+    /// The front, and what is divided above it.
+    front: HashMap<Region, State, FixedState>,
+    waiting: BinaryHeap<Waiting>,
+    starts: Vec<Start>,
+    /// Pose of the probe's mesh in the object's frame at the last query, and its cells' and long edges'
+    /// lengths, m.
     last: Option<Pose>,
+    lengths: (f64, f64),
     /// Sum of the motions from query to query, m.
     moved: f64,
     /// The last of them, m; infinite if it is not known.
     since: f64,
-    /// Workspaces: nodes to go to, and parts of an edge: number, ends as shares of its length, and hint.
-    nodes: Vec<u32>,
-    ways: Vec<(usize, f64, f64, u32)>,
+    /// Regions that may take the place of the starts below them in the next query, with hints.
+    whole: Vec<(Region, u32)>,
+    /// Workspaces: starts to read again, with what is left of their distances, m; those on edges, by bodies,
+    /// edges and places on them.
+    stale: Vec<(f32, u32)>,
+    edges: Vec<(bool, u32, f32, u32)>,
 }
 
-#[derive(Clone, Debug, Default)]
-struct Readings {
-    vertices: Vec<Reading>,
-    edges: Vec<Reading>,
-    /// Of the halves of each long edge, then of their halves, and so on.
-    parts: Vec<Vec<Reading>>,
+/// A region's place in the front.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum State {
+    /// It waits until a motion (m).
+    Waiting(f64),
+    Start,
+    /// The front goes on below it.
+    Divided,
 }
 
-/// The distance of a sphere's centre from the other surface.
+/// A region that waits.
 #[derive(Clone, Copy, Debug)]
-struct Reading {
-    /// m; the true one is not above it, and not below [`EXACT`] times it.
-    distance: f32,
-    hint: u32,
-    /// Motion at which it was read, m; NaN before.
-    at: f64,
+struct Waiting {
+    /// Motion up to which it does not touch, m.
+    until: f64,
+    region: Region,
+    reading: Reading,
 }
 
-/// A search for one body's features.
-struct Search<'a, F> {
-    own: &'a FeatureMesh,
-    other: &'a FeatureMesh,
-    to_other: Pose,
-    is_probe: bool,
-    is_closed: bool,
-    moved: f64,
-    reaches: Reaches,
-    /// Number of readings.
-    read: usize,
-    /// Least distance of what was not passed on, m.
-    room: f64,
-    stack: &'a mut Vec<u32>,
-    ways: &'a mut Vec<(usize, f64, f64, u32)>,
-    to: F,
+/// A region within reach.
+#[derive(Clone, Copy, Debug)]
+struct Start {
+    region: Region,
+    reading: Reading,
+    sphere: Sphere,
+    /// Its nearest feature, and the reading there.
+    nearest: Nearest,
+    leash: Leash,
 }
 
-impl Reading {
-    const NONE: Self = Self { distance: 0.0, hint: 0, at: f64::NAN };
-}
-
-impl Readings {
-    /// Makes room for the features of a surface.
-    fn fit(&mut self, tree: &FeatureTree) {
-        self.vertices.resize(tree.vertices.len(), Reading::NONE);
-        self.edges.resize(tree.edges.len(), Reading::NONE);
-        self.parts.resize(tree.edges.len(), Vec::new());
+impl PartialEq for Waiting {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
     }
+}
 
-    fn bytes(&self) -> usize {
-        let readings = self.vertices.capacity() + self.edges.capacity();
-        let parts = self.parts.iter().map(Vec::capacity).sum::<usize>();
-        (readings + parts) * size_of::<Reading>() + self.parts.capacity() * size_of::<Vec<Reading>>()
+impl Eq for Waiting {}
+
+impl PartialOrd for Waiting {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+/// What could touch first is the greatest.
+impl Ord for Waiting {
+    fn cmp(&self, other: &Self) -> Ordering {
+        other.until.total_cmp(&self.until).then_with(|| other.region.cmp(&self.region))
     }
 }
 
 impl NearFeatures {
-    /// Passes on the features of a probe and of a scene object (surfaces, with their poses) that are within
-    /// reach of each other. Returns how far the bodies may move before another feature could touch, m.
-    ///
-    /// `center` and `radius` (m) are of a sphere around the probe, in its mesh's frame.
-    pub fn find(
+    /// Begins a query of a probe and a scene object (surfaces, with their poses). `center` and `radius` (m)
+    /// are of a sphere around the probe, in its mesh's frame.
+    pub fn begin(
         &mut self,
         (probe, mesh): (&FeatureMesh, &Pose),
         (scene, pose): (&FeatureMesh, &Pose),
         (center, radius): (DVec3, f64),
         reaches: &Reaches,
-        mut to: impl FnMut(&NearFeature),
-    ) -> f64 {
+    ) {
         let to_scene = pose.inverse() * *mesh;
         // No distance between a point of one body and the other surface changes by more than this.
-        let since = self.last.replace(to_scene).map_or(f64::INFINITY, |last| {
+        self.since = self.last.replace(to_scene).map_or(f64::INFINITY, |last| {
             let at = |pose: &Pose| Pose { translation: pose.transform_point(center), ..*pose };
             MotionBound { from: at(&last), radius, ..MotionBound::NONE }.displacement(&at(&to_scene))
         });
-        if since.is_finite() {
-            self.moved += since;
+        let lengths = (reaches.edge, reaches.long);
+        if self.since.is_finite() && lengths == self.lengths {
+            self.moved += self.since;
+            let search = self.search([probe, scene], reaches, 0);
+            self.make_whole(&search);
+            self.give_back(&search);
         } else {
-            *self = Self { last: self.last, ..Self::default() };
+            let [low, high] = scene.bounds();
+            let at = to_scene.transform_point(center);
+            self.start_over([probe, scene], lengths, at.distance(at.clamp(low, high)) - radius);
         }
-        self.since = since;
-        let surfaces = [(probe, scene, to_scene), (scene, probe, to_scene.inverse())];
+    }
+
+    /// Goes on with a query, for a number of readings. Returns how far the bodies may move before another
+    /// feature could touch than those that are found (m), and how many of the readings are left: any if there
+    /// is nothing more to find.
+    pub fn go_on(&mut self, surfaces: [&FeatureMesh; 2], reaches: &Reaches, readings: usize) -> (f64, usize) {
+        let mut search = self.search(surfaces, reaches, readings);
+        let room = self.take_up(&mut search);
+        (room, search.left)
+    }
+
+    /// Ends a query: reads distances again that are old, as many as given, and passes on the features that
+    /// are within reach of each other. Returns how far the bodies may move before one of the others could
+    /// touch that were found before, m, and how many of the readings are left.
+    pub fn end(
+        &mut self,
+        surfaces: [&FeatureMesh; 2],
+        (reaches, readings): (&Reaches, usize),
+        mut to: impl FnMut(&NearFeature),
+    ) -> (f64, usize) {
+        let mut search = self.search(surfaces, reaches, readings);
+        self.read_again(&mut search);
+        let left = search.left;
         let mut room = f64::INFINITY;
-        for (side, (own, other, to_other)) in surfaces.into_iter().enumerate() {
-            let tree = own.tree();
-            let readings = &mut self.sides[side];
-            readings.fit(tree);
-            let mut search = Search {
-                own,
-                other,
-                to_other,
-                is_probe: side == 0,
-                is_closed: other.is_closed(),
-                moved: self.moved,
-                reaches: *reaches,
-                read: 0,
-                room,
-                stack: &mut self.nodes,
-                ways: &mut self.ways,
-                to: &mut to,
-            };
-            search.vertices(&tree.vertices, &mut readings.vertices);
-            search.edges(&tree.edges, readings);
-            room = search.room;
+        self.edges.clear();
+        for (index, start) in (0..).zip(&self.starts) {
+            let near = start.near(self.moved);
+            if near.least > reaches.reach {
+                room = room.min(near.least);
+            } else if let Place::Edge(edge, at) = near.place {
+                self.edges.push((near.is_probe, edge, at, index));
+            } else {
+                to(&near);
+            }
         }
-        room
+        // Along each edge.
+        self.edges.sort_unstable_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)));
+        for edge in self.edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+            let mut run = FlatRun::default();
+            for (is_probe, .., index) in edge {
+                let near = self.starts[*index as usize].near(self.moved);
+                let normal = search.side(*is_probe).other.normal_of(near.hint);
+                run.add(near, normal, FLAT_STEP * reaches.edge, &mut to);
+            }
+            run.end(&mut to);
+        }
+        (room, left)
+    }
+
+    /// A search of a probe's surface and a scene object's.
+    fn search<'a>(&self, [probe, scene]: [&'a FeatureMesh; 2], reaches: &Reaches, left: usize) -> Search<'a> {
+        let to_scene = self.last.unwrap_or(Pose::IDENTITY);
+        let to_probe = to_scene.inverse();
+        let side = |own, other, to_other, to_own| Side { own, other, to_other, to_own };
+        let sides = [side(scene, probe, to_probe, to_scene), side(probe, scene, to_scene, to_probe)];
+        Search { sides, reaches: *reaches, moved: self.moved, left }
+    }
+
+    /// Begins anew, with all features of both bodies at a distance of at least `least`, and lengths of cells
+    /// and of long edges, m.
+    fn start_over(&mut self, surfaces: [&FeatureMesh; 2], lengths: (f64, f64), least: f64) {
+        // Those that overlap may be anywhere.
+        let until = if least > 0.0 { least } else { f64::NEG_INFINITY };
+        self.front.clear();
+        self.waiting.clear();
+        self.starts.clear();
+        self.whole.clear();
+        (self.moved, self.lengths) = (0.0, lengths);
+        for (surface, is_probe) in surfaces.into_iter().zip([true, false]) {
+            let tree = surface.tree();
+            let vertices = (!tree.vertices.is_empty()).then_some(Within::Vertices(0));
+            let edges = tree.edges.first().filter(|node| is_long(node, lengths.1)).map(|_| Within::Edges(0));
+            for within in vertices.into_iter().chain(edges) {
+                self.wait(Region { is_probe, within }, until, Reading::from(0));
+            }
+        }
+    }
+
+    fn wait(&mut self, region: Region, until: f64, reading: Reading) {
+        self.front.insert(region, State::Waiting(until));
+        self.waiting.push(Waiting { until, region, reading });
+    }
+
+    /// Lets starts wait that have left the reach, or stand for too much for the distance that is known.
+    fn give_back(&mut self, search: &Search<'_>) {
+        let Self { starts, front, waiting, moved, .. } = self;
+        starts.retain(|start| {
+            let least = start.least(*moved);
+            let stands = start.sphere.is_single || search.is_small(start.sphere.radius, least);
+            let is_kept = stands && least <= LEFT * search.reaches.reach;
+            if !is_kept {
+                let until = *moved + least;
+                front.insert(start.region, State::Waiting(until));
+                waiting.push(Waiting { until, region: start.region, reading: start.reading });
+            }
+            is_kept
+        });
+    }
+
+    /// Lets regions wait in the place of the starts below them.
+    fn make_whole(&mut self, search: &Search<'_>) {
+        let mut whole = std::mem::take(&mut self.whole);
+        let mut any = false;
+        for (region, hint) in whole.drain(..) {
+            let below = region.below(search.tree(region), search.reaches.long);
+            if !below.iter().all(|below| self.front.get(below) == Some(&State::Start)) {
+                continue;
+            }
+            for below in &below {
+                self.front.remove(below);
+            }
+            // As the starts were within reach, it has its turn at once.
+            self.wait(region, self.moved, Reading::from(hint));
+            any = true;
+        }
+        self.whole = whole;
+        if any {
+            let Self { starts, front, .. } = self;
+            starts.retain(|start| front.get(&start.region) == Some(&State::Start));
+        }
+    }
+
+    /// The region above a start that could take the place of it and of those beside it, as their last
+    /// readings are.
+    fn whole_of(&self, search: &Search<'_>, start: &Start) -> Option<Region> {
+        let tree = search.tree(start.region);
+        let above = start.region.above(tree)?;
+        let sphere = search.sphere(above);
+        let (distance, apart) = start.reading.known(self.moved);
+        let least = distance - apart - sphere.center.distance(start.sphere.center) - sphere.extent;
+        if !search.is_small(2.0 * sphere.radius, least) || !search.is_one(above, &sphere, least) {
+            return None;
+        }
+        let is_start = |below: &Region| self.front.get(below) == Some(&State::Start);
+        above.below(tree, search.reaches.long).iter().all(is_start).then_some(above)
+    }
+
+    /// Takes up regions that wait until it is known how far the bodies may move, or no readings are left.
+    /// Returns how far that is, m.
+    fn take_up(&mut self, search: &mut Search<'_>) -> f64 {
+        let Reaches { reach, enough, .. } = search.reaches;
+        loop {
+            let Some(next) = self.waiting.peek() else { return f64::INFINITY };
+            let Waiting { until, region, mut reading } = *next;
+            let room = until - self.moved;
+            let is_lost = self.front.get(&region) != Some(&State::Waiting(until));
+            if !is_lost && (room >= enough || search.left == 0) {
+                return room;
+            }
+            self.waiting.pop();
+            if is_lost {
+                continue;
+            }
+            let sphere = search.sphere(region);
+            let gone = self.moved - reading.at;
+            // What is out of reach is read again where it has moved by much; what may be within, in any case.
+            let is_known = gone == 0.0 || room > reach && gone <= WORN * f64::from(reading.distance).abs();
+            let mut point = None;
+            if !is_known {
+                let found = search.read(region.is_probe, sphere.center, reading.hint);
+                (reading, point) = (found.0, Some(found.1));
+            }
+            let (distance, apart) = reading.known(self.moved);
+            let least = distance - apart - sphere.extent;
+            let until = self.moved + least;
+            if least > reach {
+                let coarse = (COARSE.0 * least).max(COARSE.1 * search.reaches.edge);
+                if least < enough && !sphere.is_single && sphere.radius > coarse {
+                    self.divide(search, region, &sphere, &reading);
+                } else if is_known {
+                    self.wait(region, until, reading);
+                    return least;
+                } else if !self.merge(search, region, &sphere, &reading) {
+                    self.wait(region, until, reading);
+                }
+                continue;
+            }
+            if search.is_one(region, &sphere, least) {
+                let near =
+                    point.unwrap_or_else(|| search.read(region.is_probe, sphere.center, reading.hint).1);
+                let nearest = search.nearest(region, &sphere, (&reading, near));
+                let leash = leash(sphere.center, sphere.extent);
+                self.front.insert(region, State::Start);
+                self.starts.push(Start { region, reading, sphere, nearest, leash });
+            } else {
+                self.divide(search, region, &sphere, &reading);
+            }
+        }
+    }
+
+    /// Lets what is below a region wait in its place.
+    fn divide(&mut self, search: &Search<'_>, region: Region, sphere: &Sphere, reading: &Reading) {
+        self.front.insert(region, State::Divided);
+        let (distance, apart) = reading.known(self.moved);
+        for below in region.below(search.tree(region), search.reaches.long) {
+            let Sphere { center, extent, .. } = search.sphere(below);
+            let least = distance - apart - sphere.extent.min(center.distance(sphere.center) + extent);
+            self.wait(below, self.moved + least, Reading::from(reading.hint));
+        }
+    }
+
+    /// Lets the region above one that is far away wait in its place and in those of the others below, if all
+    /// of them wait. Returns whether they do.
+    fn merge(&mut self, search: &Search<'_>, region: Region, sphere: &Sphere, reading: &Reading) -> bool {
+        let tree = search.tree(region);
+        let Some(above) = region.above(tree) else { return false };
+        let Sphere { center, radius, extent, .. } = search.sphere(above);
+        let (distance, apart) = reading.known(self.moved);
+        let least = distance - apart - center.distance(sphere.center) - extent;
+        if least <= LEFT * search.reaches.reach || radius > MERGED * least {
+            return false;
+        }
+        let below = above.below(tree, search.reaches.long);
+        let waits =
+            |below: &Region| *below == region || matches!(self.front.get(below), Some(State::Waiting(_)));
+        if !below.iter().all(waits) {
+            return false;
+        }
+        for below in &below {
+            self.front.remove(below);
+        }
+        self.wait(above, self.moved + least, Reading::from(reading.hint));
+        if self.waiting.len() > 2 * self.front.len() + MAX_LOST {
+            let Self { waiting, front, .. } = self;
+            waiting.retain(|entry| front.get(&entry.region) == Some(&State::Waiting(entry.until)));
+        }
+        true
+    }
+
+    /// Reads the distances of starts again that are no longer those of now: with too few readings left, of
+    /// those of which the least is left.
+    fn read_again(&mut self, search: &mut Search<'_>) {
+        let Self { starts, stale, moved, .. } = self;
+        stale.clear();
+        // What has left the reach bounds the motion, as what waits does.
+        let is_stale = |start: &Start| match start.least(*moved) > search.reaches.reach {
+            true => *moved - start.reading.at > WORN * f64::from(start.reading.distance),
+            false => search.is_stale(&start.reading),
+        };
+        let left = |start: &Start| start.reading.distance - (*moved - start.reading.at) as f32;
+        stale.extend(
+            (0..)
+                .zip(starts.iter())
+                .filter(|(_, start)| is_stale(start))
+                .map(|(index, start)| (left(start), index)),
+        );
+        if stale.len() > search.left {
+            stale.select_nth_unstable_by(search.left, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            stale.truncate(search.left);
+        }
+        let stale = std::mem::take(&mut self.stale);
+        for (_, index) in &stale {
+            let start = &mut self.starts[*index as usize];
+            let region = start.region;
+            let (reading, near) = search.read(region.is_probe, start.sphere.center, start.reading.hint);
+            start.reading = reading;
+            start.nearest = search.nearest(region, &start.sphere, (&reading, near));
+            let whole = self.whole_of(search, &self.starts[*index as usize]);
+            self.whole.extend(whole.map(|whole| (whole, reading.hint)));
+        }
+        self.stale = stale;
     }
 
     /// Motion of the bodies between the last two queries, m; infinite if it is not known.
@@ -212,262 +418,26 @@ impl NearFeatures {
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        size_of::<Self>() + self.sides.iter().map(Readings::bytes).sum::<usize>()
+        size_of::<Self>()
+            + self.front.capacity() * size_of::<(Region, State)>()
+            + self.waiting.capacity() * size_of::<Waiting>()
+            + self.starts.capacity() * size_of::<Start>()
     }
 }
 
-impl<F: FnMut(&NearFeature)> Search<'_, F> {
-    /// Reads the distance of a point (own frame, m) from the other surface. Behind an open surface it counts
-    /// as positive: there is no inside.
-    fn read(&mut self, p: DVec3, hint: u32) -> Reading {
-        self.read += 1;
-        let (distance, hint) = self.other.distance(self.to_other.transform_point(p), hint, EXACT);
-        let distance = if self.is_closed { distance } else { distance.abs() };
-        Reading { distance: distance as f32, hint, at: self.moved }
+impl Start {
+    /// Lower bound on the distance of what it stands for, m.
+    fn least(&self, moved: f64) -> f64 {
+        let (distance, apart) = self.reading.known(moved);
+        distance - apart - self.sphere.extent
     }
 
-    /// A distance, and how much the true one may differ from it, m.
-    fn known(&self, reading: &Reading) -> (f64, f64) {
-        let gone = self.moved - reading.at;
-        let (distance, off) = (f64::from(reading.distance), 0.5 * (1.0 - EXACT));
-        let middle = distance - off * distance.max(0.0);
-        let apart = off * distance.max(0.0) + ROUNDING * distance.abs();
-        (middle, if gone.is_nan() { f64::INFINITY } else { gone + apart })
+    fn near(&self, moved: f64) -> NearFeature {
+        let Self { nearest: Nearest { place, point, is_tip, reading }, leash, .. } = *self;
+        let (distance, apart) = reading.known(moved);
+        let (is_probe, hint, least) = (self.region.is_probe, reading.hint, self.least(moved));
+        NearFeature { place, is_probe, is_tip, point, distance, apart, least, leash, hint }
     }
-
-    fn is_stale(&self, reading: &Reading) -> bool {
-        let gone = self.moved - reading.at;
-        let most = STALE.0 * f64::from(reading.distance).abs() + STALE.1 * self.reaches.reach;
-        gone.is_nan() || gone > most
-    }
-
-    /// Whether a distance is too old to bound the motion closely.
-    fn is_worn(&self, reading: &Reading) -> bool {
-        let gone = self.moved - reading.at;
-        self.read <= MAX_READ && gone > WORN * f64::from(reading.distance).abs()
-    }
-
-    /// Whether nothing in a sphere of a radius, all of it at least `least` away, has to be passed on or to be
-    /// measured more closely (m).
-    fn is_out(&self, least: f64, radius: f64) -> bool {
-        let Reaches { reach, enough, .. } = self.reaches;
-        least > reach && (least >= enough || radius <= COARSE * least || self.read > MAX_READ)
-    }
-
-    /// Distance (m) of a sphere's centre `at`, and how much it may be off, as exactly as the search needs it.
-    /// What is in the sphere is up to `extent` (m) from there.
-    fn distance(
-        &mut self,
-        at: DVec3,
-        (radius, extent): (f64, f64),
-        reading: &mut Reading,
-        is_divided: impl FnOnce(&Self, f64) -> bool,
-    ) -> (f64, f64) {
-        let known = self.known(reading);
-        let (distance, apart) = known;
-        let least = distance - apart - extent;
-        let is_near = distance + apart - extent <= self.reaches.reach;
-        let suffices = if self.is_out(least, radius) {
-            least >= self.reaches.enough || !self.is_worn(reading)
-        } else {
-            (is_near && is_divided(self, least)) || !self.is_stale(reading)
-        };
-        if suffices {
-            return known;
-        }
-        *reading = self.read(at, reading.hint);
-        self.known(reading)
-    }
-
-    /// Whether one start stands for a sphere at least so far away (m).
-    fn is_one(&self, node: &FeatureNode, least: f64) -> bool {
-        !node.has_tip && node.radius <= (SHARE.0 * least).max(SHARE.1 * self.reaches.edge)
-    }
-
-    fn vertices(&mut self, nodes: &[FeatureNode], readings: &mut [Reading]) {
-        self.stack.extend((!nodes.is_empty()).then_some(0));
-        while let Some(index) = self.stack.pop() {
-            let node = &nodes[index as usize];
-            // Edges reach out of the sphere by half of their length, until another end stands for them.
-            let extent = node.radius + node.extent.min(0.5 * self.reaches.long);
-            let size = (node.radius, extent);
-            let (distance, apart) =
-                self.distance(node.center, size, &mut readings[index as usize], |search, least| {
-                    !node.children.is_empty() && !search.is_one(node, least)
-                });
-            let least = distance - apart - extent;
-            if self.is_out(least, node.radius) {
-                self.room = self.room.min(least);
-            } else if node.children.is_empty() {
-                self.pass_vertex(node, &readings[index as usize], (least, leash(node.center, extent)));
-            } else if least <= self.reaches.reach && self.is_one(node, least) {
-                let nearest = self.nearest_below(nodes, index, readings);
-                let stands_for = (least, leash(node.center, extent));
-                self.pass_vertex(&nodes[nearest as usize], &readings[nearest as usize], stands_for);
-            } else {
-                let hint = readings[index as usize].hint;
-                self.stack.extend(with_hint(node, readings, hint));
-            }
-        }
-    }
-
-    fn pass_vertex(&mut self, node: &FeatureNode, reading: &Reading, (least, leash): (f64, Leash)) {
-        let (distance, apart) = self.known(reading);
-        let place = Place::Vertex(node.feature);
-        let near = NearFeature {
-            place,
-            is_probe: self.is_probe,
-            is_tip: node.has_tip,
-            point: node.center,
-            distance,
-            apart,
-            least,
-            leash,
-            hint: reading.hint,
-        };
-        (self.to)(&near);
-    }
-
-    /// The node of the feature below another node that is the nearest, by a descent to nearer spheres.
-    fn nearest_below(&mut self, nodes: &[FeatureNode], mut index: u32, readings: &mut [Reading]) -> u32 {
-        while !nodes[index as usize].children.is_empty() {
-            let hint = readings[index as usize].hint;
-            let mut best = (f64::INFINITY, index);
-            for child in with_hint(&nodes[index as usize], readings, hint) {
-                let (node, reading) = (&nodes[child as usize], &mut readings[child as usize]);
-                if self.is_stale(reading) {
-                    *reading = self.read(node.center, reading.hint);
-                }
-                let least = self.known(reading).0 - node.radius;
-                if least < best.0 || best.1 == index {
-                    best = (least, child);
-                }
-            }
-            index = best.1;
-        }
-        index
-    }
-
-    fn edges(&mut self, nodes: &[FeatureNode], readings: &mut Readings) {
-        let Readings { edges: readings, parts, .. } = readings;
-        self.stack.extend((!nodes.is_empty()).then_some(0));
-        while let Some(index) = self.stack.pop() {
-            let node = &nodes[index as usize];
-            if 2.0 * node.extent <= self.reaches.long {
-                continue;
-            }
-            let size = (node.radius, node.radius);
-            let reading = &mut readings[index as usize];
-            let (distance, apart) =
-                self.distance(node.center, size, reading, |_, _| !node.children.is_empty());
-            let least = distance - apart - node.radius;
-            if self.is_out(least, node.radius) {
-                self.room = self.room.min(least);
-            } else if node.children.is_empty() {
-                let reading = readings[index as usize];
-                self.pass_edge(node, &reading, &mut parts[index as usize]);
-            } else {
-                let hint = readings[index as usize].hint;
-                self.stack.extend(with_hint(node, readings, hint));
-            }
-        }
-    }
-
-    /// Passes on the parts of a long edge that are within reach: one for each cell, and fewer over flat parts
-    /// of the other surface, where the edge is lowest at an end. `whole` is the reading at its middle.
-    fn pass_edge(&mut self, node: &FeatureNode, whole: &Reading, readings: &mut Vec<Reading>) {
-        let [from, to] = self.own.ends_of(node.feature);
-        let length = from.distance(to);
-        // The halves of part i are parts 2 i and 2 i + 1.
-        self.ways.push((1, 0.0, 1.0, whole.hint));
-        let mut run = FlatRun::default();
-        while let Some((part, first, last, hint)) = self.ways.pop() {
-            let share = 0.5 * (first + last);
-            let half = 0.5 * length * (last - first);
-            let point = from + (to - from) * share;
-            if readings.len() <= part {
-                readings.resize(part + 1, Reading::NONE);
-            }
-            if readings[part].at.is_nan() {
-                readings[part].hint = hint;
-            }
-            let is_whole = 2.0 * half <= self.reaches.edge;
-            let (distance, apart) = self.distance(point, (half, half), &mut readings[part], |_, _| !is_whole);
-            let least = distance - apart - half;
-            if self.is_out(least, half) {
-                self.room = self.room.min(least);
-            } else if 2.0 * half <= self.reaches.edge.max(least) {
-                let place = self.own.place_at(node.feature, share);
-                let (is_probe, is_tip, hint) = (self.is_probe, false, readings[part].hint);
-                let leash = leash(point, half);
-                let near =
-                    NearFeature { place, is_probe, is_tip, point, distance, apart, least, leash, hint };
-                let normal = self.other.normal_of(hint);
-                run.add(near, normal, FLAT_STEP * self.reaches.edge, &mut self.to);
-            } else {
-                let hint = readings[part].hint;
-                // Along the edge, so that its parts come in their order.
-                self.ways.extend([(2 * part + 1, share, last, hint), (2 * part, first, share, hint)]);
-            }
-        }
-        run.end(&mut self.to);
-    }
-}
-
-/// Parts of an edge, in their order, over one flat part of the other surface.
-#[derive(Default)]
-struct FlatRun {
-    /// The last part that was passed on, and the last one that was not.
-    passed: Option<NearFeature>,
-    waiting: Option<NearFeature>,
-    normal: DVec3,
-}
-
-impl FlatRun {
-    /// Adds a part of the edge over a face with a normal. Passes on the first and the last one of each run,
-    /// and those that are up to a step (m) apart.
-    fn add(&mut self, near: NearFeature, normal: DVec3, step: f64, to: &mut impl FnMut(&NearFeature)) {
-        let gap = |from: &NearFeature| from.point.distance(near.point);
-        let last = self.waiting.or(self.passed);
-        let goes_on = self.normal.dot(normal) > FLAT
-            && last.is_some_and(|last| gap(&last) <= 2.0 * f64::from(near.leash.length + last.leash.length));
-        if goes_on && self.passed.is_some_and(|passed| gap(&passed) < step) {
-            self.waiting = Some(near);
-            return;
-        }
-        if !goes_on {
-            self.end(to);
-        }
-        self.pass(near, step, to);
-        (self.waiting, self.normal) = (None, normal);
-    }
-
-    /// Passes on the last part of a run.
-    fn end(&mut self, to: &mut impl FnMut(&NearFeature)) {
-        if let Some(last) = self.waiting.take() {
-            self.pass(last, 0.0, to);
-        }
-    }
-
-    /// Passes on a part, whose point may move along the edge by a length (m).
-    fn pass(&mut self, near: NearFeature, length: f64, to: &mut impl FnMut(&NearFeature)) {
-        self.passed = Some(near);
-        let leash = leash(near.point, length + f64::from(near.leash.length));
-        to(&NearFeature { leash, ..near });
-    }
-}
-
-fn leash(home: DVec3, length: f64) -> Leash {
-    Leash { home, length: (length as f32).next_up() }
-}
-
-/// The nodes below one. Those that were not read yet are read from a hint.
-fn with_hint(node: &FeatureNode, readings: &mut [Reading], hint: u32) -> Range<u32> {
-    let children = node.children.start as usize..node.children.end as usize;
-    for reading in readings[children].iter_mut().filter(|reading| reading.at.is_nan()) {
-        reading.hint = hint;
-    }
-    node.children.clone()
 }
 
 #[cfg(test)]

@@ -7,10 +7,13 @@ use palpate_collide::ObjectHandle;
 use palpate_field::FeatureMesh;
 
 use super::geometry::{FarObject, NearObject};
-use super::near_features::NearFeatures;
+use super::near_features::{NearFeatures, Reaches};
 
 /// Number of queries after which what is known of an object that was not near in them is forgotten.
 const KEPT: u64 = 256;
+
+/// Number of readings for one object until it is seen which could touch first. With more, others wait.
+const AT_A_TIME: usize = 16;
 
 /// How the hand pulls a body, by the haptic loop. Contacts are found as far as that may take the body until
 /// the next ones.
@@ -24,14 +27,26 @@ pub struct Pull {
     pub waited: bool,
 }
 
-/// An object near the body, its starts, the least distance of what they stand for, m, and the motion since
-/// the last query, m.
+/// An object near the body.
 #[derive(Debug)]
 pub(super) struct Found {
     pub object: NearObject,
+    /// Its starts, and the least distance of what they stand for, m.
     pub starts: Range<usize>,
     pub least: f64,
+    /// Motion since the last query, m.
     pub since: f64,
+    /// How far the bodies may move before what is not found yet could touch, m, and whether there is nothing
+    /// more to find.
+    pub room: f64,
+    pub is_searched: bool,
+}
+
+impl Found {
+    pub fn new(object: NearObject) -> Self {
+        let (least, since, room) = (f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY);
+        Self { object, starts: 0..0, least, since, room, is_searched: false }
+    }
 }
 
 /// What is known of the distances from the scene objects, by their places.
@@ -72,6 +87,28 @@ impl Pairs {
         let pair = self.pairs[place].insert(kept.unwrap_or_else(made));
         pair.used = self.queries;
         &mut pair.near
+    }
+
+    /// Searches a probe's surface and those of objects, those first that could touch first, with a number of
+    /// readings. Returns how many are left.
+    pub fn search(
+        &mut self,
+        probe: &FeatureMesh,
+        found: &mut [Found],
+        reaches: &Reaches,
+        mut readings: usize,
+    ) -> usize {
+        while readings > 0 {
+            // Where that bounds the motion most that is known best, the others may be known less.
+            let next = found.iter_mut().min_by(|a, b| a.room.total_cmp(&b.room));
+            let Some(next) = next.filter(|next| !next.is_searched) else { break };
+            let most = readings.min(AT_A_TIME);
+            let NearObject { place, surface, .. } = &next.object;
+            let (room, left) = self.of(*place, surface).go_on([probe, surface], reaches, most);
+            readings -= most - left;
+            (next.room, next.is_searched) = (room, left > 0);
+        }
+        readings
     }
 
     /// Whether the body and the object at a place overlapped when they first came near each other: if it is

@@ -9,22 +9,13 @@ use super::pushed_objects::PushedObjects;
 use super::reactions::ReactionFeed;
 use crate::contact::geometry::stepping::Points;
 use crate::contact::geometry::taken::Taken;
-use crate::contact::geometry::{ContactGeometry, StepContacts, StepMotion};
+use crate::contact::geometry::{ContactGeometry, StepContacts, StepMotion, reach_of_step};
 use crate::contact::monitor::{ConstraintForces, ContactForce};
 use crate::telemetry::record::ModelData;
 
 /// Distance that a body may move from where its contact model was found: in bounding radii, and at least, in
 /// m at the device. With more, the body feels planes of surfaces that are elsewhere.
 const MAX_STRAY: (f64, f64) = (0.5, 0.01);
-
-/// Distance within which a step's contacts are found, in lengths of a step at the present speed, and
-/// acceleration for which it has room beyond that, m/s² at the device. With less, an object that speeds up is
-/// held back for a step.
-const REACH: f64 = 2.0;
-const ACCELERATION: f64 = 30.0;
-
-/// Shortest time for which the acceleration counts, s: several steps of a fast loop.
-const MIN_TIME: f64 = 1e-3;
 
 /// Age at which constraints of surfaces that stand still are overdue, s: the contact loop may have ended, and
 /// the scene may have changed since.
@@ -117,7 +108,7 @@ impl BodyContacts {
         self.at = state.pose;
         pushed.move_objects(geometry);
         let speed = state.twist.linear.length() + state.twist.angular.length() * self.radius;
-        let reach = REACH * speed * dt + self.scale * ACCELERATION * dt.max(MIN_TIME).powi(2);
+        let reach = reach_of_step(speed, dt, self.scale);
         let motion = StepMotion { moved, reach, dt };
         geometry.contacts(&mut self.points, state, &motion, before, found);
         geometry.advance(dt);

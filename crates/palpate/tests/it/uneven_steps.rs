@@ -407,16 +407,11 @@ const THICKNESS: f64 = 5e-3;
 const CLOSING: f64 = 0.6;
 
 /// Each session knows how the other hand moves when that takes a step: they may overlap by how far both move
-/// in the longest step, but the slack of points adds nothing to that, and the ball does not pass the plate.
+/// in the longest step, but the slack of points adds nothing to that. For longer steps see below.
 #[test]
 fn two_hands_meet_in_steps_of_varying_length() {
     for rate in [500.0, 50.0] {
-        let all = [
-            ("1 ms", SECOND, 1e-3),
-            ("random", random as fn(u64) -> Steps, 20e-3),
-            ("bursts", BURSTS, 11e-3),
-        ];
-        for (name, steps, longest) in all {
+        for (name, steps, longest) in [("1 ms", SECOND, 1e-3), ("bursts", BURSTS, 11e-3)] {
             for (order, join) in JOINS.into_iter().enumerate() {
                 let (depth, force) = hands_meet(steps, 4, rate, join);
                 let case = format!("{rate} Hz, {name}, order {order}");
@@ -430,15 +425,18 @@ fn two_hands_meet_in_steps_of_varying_length() {
     }
 }
 
-/// The same with other random steps: up to 20 ms, in which the hands come nearer by more than the plate is
-/// thick, the ball mostly stays on its side. The limit was set after what was found: up to a third pass.
+/// With random steps up to 20 ms, in which the hands come nearer by more than the plate is thick, the ball
+/// mostly stays on its side. One seed tells nothing: of 100, 24 pass. The limits were set after what was
+/// found: up to a third pass.
 #[test]
 fn two_hands_meet_in_long_steps_of_varying_length() {
     for rate in [500.0, 50.0] {
         for (order, join) in JOINS.into_iter().enumerate() {
             let mut depths = [0.0; 30];
             for (seed, depth) in (0..).zip(&mut depths) {
-                *depth = hands_meet(random, 2 * seed, rate, join).0;
+                let (deepest, force) = hands_meet(random, 2 * seed, rate, join);
+                assert!(force > 0.5 || deepest > THICKNESS, "{rate} Hz, order {order}, seed {seed}: {force} N");
+                *depth = deepest;
             }
             depths.sort_by(f64::total_cmp);
             let (median, passed) = (depths[15], depths.iter().filter(|depth| **depth > THICKNESS).count());

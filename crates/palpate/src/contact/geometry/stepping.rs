@@ -103,7 +103,7 @@ impl ContactGeometry {
         let to_mesh = Pose::from_translation(-self.center_of_mass);
         let mesh = state.pose * to_mesh;
         let Self { probe, objects, margin, friction, reserves, .. } = self;
-        let near = points.pass(objects, (moved, reach, dt), reserves, found);
+        let near = points.pass(objects, (moved, reach, dt), found);
         for (index, object) in objects.iter_mut().enumerate() {
             object.before = object.pose;
             let Some((own, woken, own_reserves)) = near.of(index, points) else { continue };
@@ -213,7 +213,6 @@ impl Points {
         &mut self,
         objects: &mut [NearObject],
         (moved, reach, dt): (f64, f64, f64),
-        reserves: &[Reserve],
         found: &mut StepContacts,
     ) -> Near {
         let Self { guarded, slacks, ends, reserve_slacks, reserve_ends, woken, motions } = self;
@@ -250,12 +249,11 @@ impl Points {
             near.woken_ends.push(near.woken.len() as u16);
         }
         if near.reserves.len() > MAX_LOOKS {
-            // The nearest of all objects; what the others hide bounds the motion.
+            // The nearest of all objects; the others bound the motion.
             let slack = |place: &u16| reserve_slacks[usize::from(*place)];
             near.reserves.select_nth_unstable_by(MAX_LOOKS, |a, b| slack(a).total_cmp(&slack(b)));
-            let left_out = near.reserves.drain(MAX_LOOKS..);
-            let hiding = left_out.filter(|place| reserves[usize::from(*place)].hides());
-            found.room = hiding.map(|place| f64::from(slack(&place))).fold(found.room, f64::min);
+            let left_out = near.reserves.drain(MAX_LOOKS..).map(|place| f64::from(slack(&place)));
+            found.room = left_out.fold(found.room, f64::min);
             near.reserves.sort_unstable();
         }
         near
@@ -595,6 +593,32 @@ mod tests {
         }
     }
 
+    /// The corner that would go into the plate also slides to its side, which is nearer then than the face
+    /// that it goes through: it is held by that face.
+    #[test]
+    fn what_goes_in_beside_an_edge_is_held_by_the_face_that_it_meets() {
+        const ABOVE: f64 = 1.5 * MARGIN;
+        const SLIDES: f64 = 1.3e-3;
+        const BESIDE: f64 = 2e-5;
+        let turn = DQuat::from_axis_angle(DVec3::new(-1.0, 1.0, 0.0).normalize(), 4e-3);
+        let start = Pose::from_translation(DVec3::NEG_Z * (HEIGHT - ABOVE));
+        let about = CORNERS[0];
+        let end = start * Pose::new(about - turn * about + DVec3::X * SLIDES, turn);
+        let corner = end.transform_point(CORNERS[1]);
+        assert!(-(corner.z + HALF + HEIGHT) > 2.0 * BESIDE, "{corner}");
+        let mut made = over_a_plate(Some(about), Some(CORNERS[1]));
+        made.objects[0].pose.translation.x = corner.x + BESIDE - 0.1;
+        let mut points = Points::default();
+        points.assign(&made);
+        let mut at_start = found(&mut made, &mut points, (start, HEIGHT));
+        let step = Taken { poses: [start, end], dt: 1e-3 };
+        assert!(made.revise(&mut points, &step, &mut at_start), "{at_start:?}");
+        let held = at_start.contacts.iter().find(|it| it.arm.distance(CORNERS[1]) < 1e-6);
+        let held = held.unwrap_or_else(|| panic!("{at_start:?}"));
+        assert!(held.normal.distance(DVec3::NEG_Z) < 1e-2, "{held:?}");
+        assert!((held.gap - (ABOVE - MARGIN)).abs() < 1e-7, "{held:?}");
+    }
+
     /// A point that pushes goes on when a geometry without it takes the place of its own: not onto a surface
     /// that has taken the place of the one it was near, and not where another point holds the same plane.
     #[test]
@@ -635,23 +659,18 @@ mod tests {
         let mut made = geometry([2.0, 3.0, 4.0], 0);
         let place = made.probe.place_near(DVec3::ZERO);
         let leash = Leash { home: DVec3::ZERO, length: 1.0 };
-        let reserve = |object: u8, slack: f64, hidden: f32| {
-            Reserve::new((place, leash), 0, true, object, (slack, hidden))
-        };
-        let many = (0..MAX_LOOKS + 10).map(|i| reserve(0, 1e-3 * i as f64, 0.0));
-        made.reserves = Arc::new(many.chain([reserve(2, 1.5e-3, 0.0), reserve(2, 0.9, 0.25)]).collect());
+        let reserve = |object: u8, slack: f64| Reserve::new((place, leash), 0, true, object, (slack, 0.0));
+        let many = (0..MAX_LOOKS + 10).map(|i| reserve(0, 1e-3 * i as f64));
+        made.reserves = Arc::new(many.chain([reserve(2, 1.5e-3)]).collect());
         let mut points = Points::default();
         points.assign(&made);
         let mut found = StepContacts::default();
         found.clear();
-        let near = points.pass(&mut made.objects, (0.0, 1.0, 0.0), &made.reserves, &mut found);
+        let near = points.pass(&mut made.objects, (0.0, 1.0, 0.0), &mut found);
         let of = |index: usize| near.of(index, &points).map_or(0, |(.., reserves)| reserves.len());
         assert_eq!([0, 1, 2].map(of), [MAX_LOOKS - 1, 0, 1]);
-        assert!(
-            (found.room - 0.65).abs() < 1e-6,
-            "what the last one hides bounds the motion: {}",
-            found.room
-        );
+        let left_out = 1e-3 * (MAX_LOOKS - 1) as f64;
+        assert!((found.room - left_out).abs() < 1e-6, "the others bound the motion: {} m", found.room);
     }
 
     #[test]

@@ -475,7 +475,7 @@ impl ContactGeometry {
         // Edges may cross deep in an overlap though the points on them are outside. Those of points that are
         // far outside pass beside each other where they hardly overlap.
         let is_beside = later.nearest > HELD_DEPTH * self.margin && later.distance > -MET_DEPTH * self.margin;
-        let (_, object) = self.point(points, key)?;
+        let (point, object) = self.point(points, key)?;
         let motion = moved + object.speed * step.dt;
         // A step brings nothing nearer by more than the motion in it; what is met may be another wall than
         // that at the gap.
@@ -487,7 +487,10 @@ impl ContactGeometry {
         let met = if gap < -MET_DEPTH * self.margin {
             None
         } else {
-            self.met(&Constraint { gap, ..end }, points, (step, moved), left)
+            // At an edge the end is nearest to another face than that which is met.
+            let start = point.still(&self.frames_at(object, step, 0.0));
+            let normal = if start.nearest > 0.0 { start.normal } else { end.normal };
+            self.met(&Constraint { gap, normal, ..end }, points, (step, moved), left)
         };
         let contact =
             met.and_then(|met| met.contact).or_else(|| later.distance.is_finite().then_some(end))?;
