@@ -199,7 +199,7 @@ impl MovingObject {
         let DynamicBody { mass, inertia, center_of_mass, gravity, period } = *dynamics;
         let never = Told { time: f64::NEG_INFINITY, pose: *pose, twist: Twist::ZERO };
         let mut told = self.told.unwrap_or(never);
-        let mut acceleration = self.told_before.map(|before| told.acceleration_since(&before, &dynamics));
+        let mut acceleration = self.told_before.map(|before| told.acceleration_since(&before, dynamics));
         if self.told.is_some() && now - told.time > SILENCE * period {
             // A host that says nothing more has nothing more to say: the object is as it was.
             told = told.stood(now - period);
