@@ -6,12 +6,20 @@
 
 use std::collections::HashMap;
 
+use arrayvec::ArrayVec;
 use glam::DVec3;
 use palpate_core::TriMesh;
 use wide::f32x4;
 
-/// Number of triangles of a leaf, and of children of a node: one for each SIMD lane.
+/// Largest number of triangles of a leaf, and of children of a node: one for each SIMD lane.
 const LANES: usize = 4;
+/// Number of parts of an axis between which triangles may be divided. With fewer, boxes overlap more; with
+/// more, the tree takes longer to build.
+const BINS: usize = 16;
+/// Depth from which triangles are divided into halves: others may be few of many.
+const HALVED: u32 = 24;
+/// Largest depth: 2³² triangles are halved 32 times.
+const MAX_DEPTH: usize = HALVED as usize + 32;
 /// Margin of the search, as a fraction of the distance and of the mesh's size: triangles that seem further
 /// away than the nearest so far by less than this are measured exactly. It covers the rounding of the search,
 /// which is in single precision.
@@ -20,12 +28,13 @@ const SEARCH_MARGIN: f64 = 2e-6;
 /// A mesh prepared for exact signed distances.
 #[derive(Clone, Debug)]
 pub struct ExactDistance {
-    /// Triangles in the order of the leaves, of which each begins at a multiple of four.
-    triangles: Vec<Triangle>,
-    /// Corners of the triangles, four triangles at a time.
+    /// Triangles in the order of the leaves, and their pseudonormals.
+    triangles: Vec<[DVec3; 3]>,
+    normals: Vec<Pseudonormals>,
     leaves: Vec<Leaf>,
-    /// Nodes, the root first.
     nodes: Vec<Node>,
+    /// Index of the root: a node, or the only leaf.
+    root: u32,
     /// Middle and size of the mesh, m.
     middle: DVec3,
     size: f64,
@@ -34,18 +43,36 @@ pub struct ExactDistance {
 /// A point of the surface with its feature and its triangle.
 type Found = ((DVec3, Feature), u32);
 
-/// Corners of four triangles.
-type Leaf = [[f32x4; 3]; 3];
+/// Corners of up to four triangles: the last one stands for those that are missing.
+#[derive(Clone, Copy, Debug)]
+struct Leaf {
+    corners: [Vec3x4; 3],
+    /// Indices of the first and the last.
+    first: u32,
+    last: u32,
+}
 
 #[derive(Clone, Copy, Debug)]
 struct Triangle {
     corners: [DVec3; 3],
-    /// Index in the mesh.
+    normals: Pseudonormals,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Pseudonormals {
+    /// Index of the triangle in the mesh.
     index: u32,
-    normal: DVec3,
-    /// Pseudonormals of the edges from corner i to i + 1, and of the corners.
+    face: DVec3,
+    /// Those of the edges from corner i to i + 1, and of the corners.
     edges: [DVec3; 3],
     vertices: [DVec3; 3],
+}
+
+/// A box around triangles.
+#[derive(Clone, Copy, Debug)]
+struct Bounds {
+    low: DVec3,
+    high: DVec3,
 }
 
 /// Boxes around four children, and the children's indices: nodes, or leaves with the flag [`IS_LEAF`], or
@@ -83,32 +110,39 @@ impl ExactDistance {
     pub fn new(mesh: &TriMesh) -> Self {
         assert!(!mesh.triangles().is_empty(), "a mesh without triangles has no distance");
         let mut triangles = with_pseudonormals(mesh);
-        let corners = || triangles.iter().flat_map(|triangle| triangle.corners);
-        let low = corners().fold(DVec3::INFINITY, DVec3::min);
-        let high = corners().fold(DVec3::NEG_INFINITY, DVec3::max);
+        let Bounds { low, high } = Bounds::of(&triangles);
         let (middle, size) = (low.midpoint(high), (high - low).max_element() / 2.0);
         // A mesh that is a single point has no size to scale by.
         let size = if size > 0.0 { size } else { 1.0 };
-        let mut tree = Self { triangles: Vec::new(), leaves: Vec::new(), nodes: Vec::new(), middle, size };
-        tree.split(&mut triangles);
+        let (triangles_of, normals) =
+            (Vec::with_capacity(triangles.len()), Vec::with_capacity(triangles.len()));
+        let mut tree = Self {
+            triangles: triangles_of,
+            normals,
+            leaves: Vec::new(),
+            nodes: Vec::new(),
+            root: 0,
+            middle,
+            size,
+        };
+        tree.root = tree.split(&mut triangles, 0);
         tree
     }
 
     /// The point of the surface nearest to a point, m. `hint` is that of a search nearby, or 0.
     pub fn nearest(&self, p: DVec3, hint: u32) -> Nearest {
-        let start = closest(p, &self.triangles[hint as usize].corners);
+        let start = closest(p, &self.triangles[hint as usize]);
         let start_squared = start.0.distance_squared(p);
         let (((point, feature), hint), squared) =
             self.search(p, start_squared).unwrap_or(((start, hint), start_squared));
-        let triangle = &self.triangles[hint as usize];
-        let normal = match feature {
-            Feature::Face => triangle.normal,
-            Feature::Edge(edge) => triangle.edges[edge],
-            Feature::Vertex(vertex) => triangle.vertices[vertex],
+        let Pseudonormals { index: triangle, face, edges, vertices } = &self.normals[hint as usize];
+        let (triangle, normal) = match feature {
+            Feature::Face => (*triangle, face),
+            Feature::Edge(edge) => (*triangle, &edges[edge]),
+            Feature::Vertex(vertex) => (*triangle, &vertices[vertex]),
         };
         let inside = normal.dot(p - point) < 0.0;
         let distance = squared.sqrt();
-        let triangle = triangle.index;
         Nearest { point, distance: if inside { -distance } else { distance }, hint, triangle }
     }
 
@@ -116,13 +150,12 @@ impl ExactDistance {
     /// a small ball, whatever the mesh's size.
     pub fn nearer(&self, p: DVec3, distance: f64) -> Option<u32> {
         let ((_, hint), _) = self.search(p, distance * distance)?;
-        Some(self.triangles[hint as usize].index)
+        Some(self.normals[hint as usize].index)
     }
 
     /// The nearest point with its feature and triangle, and its squared distance, if that is less than one,
     /// m².
     fn search(&self, p: DVec3, mut squared: f64) -> Option<(Found, f64)> {
-        let closest = |index: u32| closest(p, &self.triangles[index as usize].corners);
         let mut best = None;
         let at = ((p - self.middle) / self.size).as_vec3();
         let at = [at.x, at.y, at.z].map(f32x4::splat);
@@ -131,29 +164,32 @@ impl ExactDistance {
             (distance + SEARCH_MARGIN * (distance + 1.0)).powi(2) as f32
         };
         let mut most = limit(squared);
-        // A tree of 2³² triangles has 16 levels, each of which leaves three children on the stack.
-        let mut stack = [(0u32, 0.0f32); 64];
-        let mut top = 1;
-        while top > 0 {
-            top -= 1;
-            let (index, bound) = stack[top];
+        // Each level leaves three children on the stack.
+        let mut stack = ArrayVec::<(u32, f32), { (LANES - 1) * MAX_DEPTH + LANES }>::new();
+        stack.push((self.root, 0.0));
+        while let Some((index, bound)) = stack.pop() {
             if bound > most {
                 continue;
             }
             if index & IS_LEAF != 0 {
-                let leaf = index & !IS_LEAF;
-                let near = squared_distances(&self.leaves[leaf as usize], &at)
-                    .simd_le(f32x4::splat(most))
-                    .to_bitmask();
-                for lane in (0..LANES as u32).filter(|lane| near & 1 << lane != 0) {
-                    let triangle = LANES as u32 * leaf + lane;
-                    let found = closest(triangle);
+                let Leaf { corners, first, last } = &self.leaves[(index & !IS_LEAF) as usize];
+                let distances = squared_distances(corners, &at);
+                let mut near = distances.simd_le(f32x4::splat(most)).to_bitmask() & (2 << (last - first)) - 1;
+                let distances = distances.to_array();
+                // The nearest first, so that the others need not be measured.
+                while near != 0 {
+                    let lanes = (0..LANES).filter(|lane| near & 1 << lane != 0);
+                    let nearest = lanes.min_by(|a, b| distances[*a].total_cmp(&distances[*b]));
+                    let Some(lane) = nearest.filter(|lane| distances[*lane] <= most) else { break };
+                    near &= !(1 << lane);
+                    let triangle = first + lane as u32;
+                    let found = closest(p, &self.triangles[triangle as usize]);
                     let distance = found.0.distance_squared(p);
                     if distance < squared {
                         (best, squared) = (Some((found, triangle)), distance);
+                        most = limit(squared);
                     }
                 }
-                most = limit(squared);
                 continue;
             }
             let node = &self.nodes[index as usize];
@@ -161,15 +197,14 @@ impl ExactDistance {
             let near = bounds.simd_le(f32x4::splat(most)).to_bitmask();
             let bounds = bounds.to_array();
             // Sorted insertion, so that the nearest child is popped first.
-            let first = top;
+            let first = stack.len();
             for lane in (0..LANES).filter(|lane| near & 1 << lane != 0 && node.children[*lane] != NONE) {
-                let mut place = top;
+                let mut place = stack.len();
+                stack.push((node.children[lane], bounds[lane]));
                 while place > first && stack[place - 1].1 < bounds[lane] {
-                    stack[place] = stack[place - 1];
+                    stack.swap(place - 1, place);
                     place -= 1;
                 }
-                stack[place] = (node.children[lane], bounds[lane]);
-                top += 1;
             }
         }
         best.map(|best| (best, squared))
@@ -177,76 +212,140 @@ impl ExactDistance {
 
     /// Normal of the triangle that a hint is for; 0 for one without an area.
     pub fn normal(&self, hint: u32) -> DVec3 {
-        self.triangles[hint as usize].normal
+        self.normals[hint as usize].face
     }
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         size_of::<Self>()
-            + self.triangles.capacity() * size_of::<Triangle>()
+            + self.triangles.capacity() * size_of::<[DVec3; 3]>()
+            + self.normals.capacity() * size_of::<Pseudonormals>()
             + self.leaves.capacity() * size_of::<Leaf>()
             + self.nodes.capacity() * size_of::<Node>()
     }
 
-    /// Builds the subtree of some triangles, and returns its index.
-    fn split(&mut self, own: &mut [Triangle]) -> u32 {
+    /// Builds the subtree of some triangles at a depth, and returns its index.
+    fn split(&mut self, own: &mut [Triangle], depth: u32) -> u32 {
         let scaled = |corner: DVec3| ((corner - self.middle) / self.size).as_vec3();
-        if own.len() <= LANES && !self.nodes.is_empty() {
-            let leaf = self.leaves.len() as u32;
-            // A leaf of fewer than four repeats the last triangle.
-            let four: [Triangle; LANES] = std::array::from_fn(|lane| own[lane.min(own.len() - 1)]);
+        if own.len() <= LANES {
+            let first = self.triangles.len() as u32;
+            let four: [&Triangle; LANES] = std::array::from_fn(|lane| &own[lane.min(own.len() - 1)]);
             let corners = four.map(|triangle| triangle.corners.map(scaled));
-            self.leaves.push([0, 1, 2].map(|corner| {
+            let corners = [0, 1, 2].map(|corner| {
                 [0, 1, 2].map(|axis| f32x4::new(std::array::from_fn(|lane| corners[lane][corner][axis])))
-            }));
-            self.triangles.extend(four);
-            return leaf | IS_LEAF;
+            });
+            self.leaves.push(Leaf { corners, first, last: first + own.len() as u32 - 1 });
+            self.triangles.extend(own.iter().map(|triangle| triangle.corners));
+            self.normals.extend(own.iter().map(|triangle| triangle.normals));
+            return (self.leaves.len() - 1) as u32 | IS_LEAF;
         }
-        let count = own.len();
-        divide(own, count / 2);
-        let (left, right) = own.split_at_mut(count / 2);
-        for half in [&mut *left, &mut *right] {
-            let middle = half.len() / 2;
-            divide(half, middle);
-        }
-        let (middle, end) = (left.len() / 2, right.len() / 2);
-        let (a, b) = left.split_at_mut(middle);
-        let (c, d) = right.split_at_mut(end);
-        let quarters = [a, b, c, d];
-        // The boxes are rounded outwards.
-        let bounds = quarters.each_ref().map(|own| {
-            let points = || own.iter().flat_map(|triangle| triangle.corners).map(scaled);
-            let low = points().fold(glam::Vec3::INFINITY, glam::Vec3::min) - f32::EPSILON;
-            let high = points().fold(glam::Vec3::NEG_INFINITY, glam::Vec3::max) + f32::EPSILON;
-            (low, high)
+        let (left, right) = divide(own, depth);
+        let parts = [left, right].into_iter().flat_map(|half| match half.len() > LANES {
+            true => ArrayVec::from(<[_; 2]>::from(divide(half, depth + 1))),
+            false => ArrayVec::<_, 2>::from_iter([half]),
         });
-        let lanes = |of: &dyn Fn(&(glam::Vec3, glam::Vec3)) -> f32| f32x4::new(bounds.each_ref().map(of));
+        let parts: ArrayVec<&mut [Triangle], LANES> = parts.collect();
+        // The boxes are rounded outwards.
+        let around: ArrayVec<_, LANES> = parts
+            .iter()
+            .map(|own| {
+                let Bounds { low, high } = Bounds::of(own);
+                (scaled(low) - f32::EPSILON, scaled(high) + f32::EPSILON)
+            })
+            .collect();
+        let lanes = |of: &dyn Fn(&(glam::Vec3, glam::Vec3)) -> f32| {
+            f32x4::new(std::array::from_fn(|lane| of(&around[lane.min(around.len() - 1)])))
+        };
         let index = self.nodes.len();
         self.nodes.push(Node {
             low: [0, 1, 2].map(|axis| lanes(&|bounds| bounds.0[axis])),
             high: [0, 1, 2].map(|axis| lanes(&|bounds| bounds.1[axis])),
             children: [NONE; LANES],
         });
-        for (lane, own) in quarters.into_iter().enumerate() {
-            if !own.is_empty() {
-                self.nodes[index].children[lane] = self.split(own);
-            }
+        for (lane, own) in parts.into_iter().enumerate() {
+            self.nodes[index].children[lane] = self.split(own, depth + 2);
         }
         index as u32
     }
 }
 
-/// Reorders triangles along the longest axis of their box, so that the first `middle` are before the others.
-fn divide(own: &mut [Triangle], middle: usize) {
-    if own.len() < 2 {
-        return;
+impl Bounds {
+    const NONE: Self = Self { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY };
+
+    fn of(own: &[Triangle]) -> Self {
+        own.iter().map(Triangle::bounds).fold(Self::NONE, Self::joined)
     }
-    let points = || own.iter().flat_map(|triangle| triangle.corners);
-    let low = points().fold(DVec3::INFINITY, DVec3::min);
-    let high = points().fold(DVec3::NEG_INFINITY, DVec3::max);
-    let axis = (high - low).max_position();
-    let key = |triangle: &Triangle| triangle.corners.iter().map(|corner| corner[axis]).sum::<f64>();
-    own.select_nth_unstable_by(middle, |s, t| key(s).total_cmp(&key(t)));
+
+    fn joined(self, other: Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
+    /// Half of its surface area, m².
+    fn area(&self) -> f64 {
+        let DVec3 { x, y, z } = self.high - self.low;
+        x * y + y * z + z * x
+    }
+}
+
+impl Triangle {
+    fn bounds(&self) -> Bounds {
+        let [a, b, c] = self.corners;
+        Bounds { low: a.min(b).min(c), high: a.max(b).max(c) }
+    }
+
+    /// Middle of its box, twice.
+    fn middle(&self) -> DVec3 {
+        let Bounds { low, high } = self.bounds();
+        low + high
+    }
+}
+
+/// Divides triangles so that the boxes of both parts, by the leaves in each, have the smallest area (the
+/// surface area heuristic in bins: I. Wald, *On fast construction of SAH-based bounding volume hierarchies*,
+/// 2007).
+fn divide(own: &mut [Triangle], depth: u32) -> (&mut [Triangle], &mut [Triangle]) {
+    let middles = || own.iter().map(Triangle::middle);
+    let low = middles().fold(DVec3::INFINITY, DVec3::min);
+    let extent = middles().fold(DVec3::NEG_INFINITY, DVec3::max) - low;
+    let bin = |triangle: &Triangle, axis: usize| {
+        let share = (triangle.middle()[axis] - low[axis]) / extent[axis];
+        ((BINS as f64 * share) as usize).min(BINS - 1)
+    };
+    let mut best = (f64::INFINITY, 0, 0);
+    for axis in (0..3).filter(|axis| extent[*axis] > 0.0 && depth < HALVED) {
+        let mut bins = [(0, Bounds::NONE); BINS];
+        for triangle in &*own {
+            let (count, bounds) = &mut bins[bin(triangle, axis)];
+            (*count, *bounds) = (*count + 1, bounds.joined(triangle.bounds()));
+        }
+        let join = |all: &mut (usize, Bounds), next: &(usize, Bounds)| {
+            *all = (all.0 + next.0, all.1.joined(next.1));
+            Some(*all)
+        };
+        let cost = |(count, bounds): &(usize, Bounds)| bounds.area() * count.div_ceil(LANES) as f64;
+        let below: ArrayVec<_, BINS> = bins.iter().scan((0, Bounds::NONE), join).collect();
+        let above: ArrayVec<_, BINS> = bins.iter().rev().scan((0, Bounds::NONE), join).collect();
+        for next in 1..BINS {
+            let (left, right) = (&below[next - 1], &above[BINS - 1 - next]);
+            if left.0 > 0 && right.0 > 0 && cost(left) + cost(right) < best.0 {
+                best = (cost(left) + cost(right), axis, next);
+            }
+        }
+    }
+    let (cost, axis, next) = best;
+    if cost < f64::INFINITY {
+        let mut count = 0;
+        for index in 0..own.len() {
+            if bin(&own[index], axis) < next {
+                own.swap(count, index);
+                count += 1;
+            }
+        }
+        return own.split_at_mut(count);
+    }
+    let (axis, half) = (extent.max_position(), own.len() / 2);
+    own.select_nth_unstable_by(half, |s, t| s.middle()[axis].total_cmp(&t.middle()[axis]));
+    own.split_at_mut(half)
 }
 
 type Vec3x4 = [f32x4; 3];
@@ -265,7 +364,7 @@ fn cross(a: &Vec3x4, b: &Vec3x4) -> Vec3x4 {
 
 /// Squared distances of a point from four triangles: from a triangle's plane where the point projects into
 /// the triangle, else from its nearest edge.
-fn squared_distances(corners: &Leaf, p: &Vec3x4) -> f32x4 {
+fn squared_distances(corners: &[Vec3x4; 3], p: &Vec3x4) -> f32x4 {
     let zero = f32x4::ZERO;
     let edges = [0, 1, 2].map(|i| minus(&corners[(i + 1) % 3], &corners[i]));
     let to = [0, 1, 2].map(|i| minus(p, &corners[i]));
@@ -353,14 +452,14 @@ fn with_pseudonormals(mesh: &TriMesh) -> Vec<Triangle> {
     }
     let of = |t: usize| {
         let (corners, indices) = (mesh.corners(t), mesh.triangles()[t]);
-        Triangle {
-            corners,
+        let of_edge = |i: usize| of_edge.get(&edge(indices[i], indices[(i + 1) % 3])).copied();
+        let normals = Pseudonormals {
             index: t as u32,
-            normal: normal(corners).normalize_or_zero(),
-            edges: [0, 1, 2]
-                .map(|i| of_edge.get(&edge(indices[i], indices[(i + 1) % 3])).copied().unwrap_or_default()),
+            face: normal(corners).normalize_or_zero(),
+            edges: [0, 1, 2].map(|i| of_edge(i).unwrap_or_default()),
             vertices: indices.map(|v| of_vertex[v as usize]),
-        }
+        };
+        Triangle { corners, normals }
     };
     if solid.is_empty() {
         (0..mesh.triangles().len()).map(of).collect()
