@@ -97,6 +97,14 @@ fn a_surface_bends_along_the_line_between_faces() {
         let direct = on.normal.cross(end.normal).normalize();
         assert_eq!(direct.x.abs() > 1.0 - 1e-12, is_straight, "across the direction: {direct}");
     }
+    // At a corner, whichever of its faces a walk has come to.
+    let corner = ridge.nearest(DVec3::new(0.06, 0.04, -0.02));
+    assert!(matches!(corner.feature, MeshFeature::Vertex(_)), "{corner:?}");
+    for face in [beyond.face, ridge.face_near(DVec3::new(0.05, 0.0, -0.01), 0)] {
+        let end = ClosestPoint { face, feature: corner.feature, ..aslant };
+        let line = touching_features::bend(&ridge, on.normal, &end).normalize();
+        assert!(line.x.abs() > 1.0 - 1e-12, "face {face}: {line}");
+    }
 }
 
 /// Two ridges that cross: the point is on one edge where it is nearest to the other.
@@ -665,6 +673,26 @@ fn a_leash_holds_edges_that_are_not_steep() {
             let found = point.measure(&frames, point.slack, f64::INFINITY);
             assert!((found.distance - GAP).abs() < 1e-9, "{slope}: {found:?}");
         }
+    }
+}
+
+/// A point inside a flat part of a plate, below a face that comes nearer beyond its leash: a point is nearer
+/// there, and this one does not push aslant of the plate. Where the face is level, it is held.
+#[test]
+fn a_leash_holds_no_flat_part_that_is_not_level() {
+    const GAP: f64 = 2e-3;
+    let (plate, cover) = (block(DVec3::new(0.4, 0.4, 0.01)), block(DVec3::new(0.3, 0.3, 0.01)));
+    let object = Pose::from_translation(DVec3::NEG_Z * 0.005);
+    for (slope, is_held) in [(0.0, true), (0.01, false), (0.06, false), (0.2, false)] {
+        let rotation = DQuat::from_rotation_y(slope);
+        // Over the middle of the plate, which is on a diagonal between its triangles.
+        let pose = Pose::new(DVec3::Z * GAP - rotation * DVec3::NEG_Z * 0.005, rotation);
+        let frames = Frames::new((&cover, &pose), (&plate, &object));
+        let mut point = new((DVec3::Z * 0.005, 5e-3), false, &frames);
+        let found = point.measure_on(&frames, point.slack, f64::INFINITY);
+        assert_eq!(found.distance.is_finite(), is_held, "{slope}: {found:?}");
+        let (most, least) = (GAP, GAP * slope.cos() - 5.1e-3 * slope);
+        assert!(found.nearest < most + 1e-9 && found.nearest > least - 1e-9, "{slope}: {found:?}");
     }
 }
 

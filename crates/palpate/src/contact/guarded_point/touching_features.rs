@@ -178,7 +178,9 @@ impl GuardedPoint {
         let slope = outward.dot(direction);
         let far = Leash { length: f32::INFINITY, ..self.leash };
         let goes_on = |leash| sides.own.descend(&self.place, -outward, 1.0, leash).is_some();
-        let is_leashed = || slope.abs() > LEASHED && !goes_on(&self.leash) && goes_on(&far);
+        // What is no sharper than its surface beside it touches nothing where it is not level.
+        let steep = if is_held { LEASHED } else { LEVEL };
+        let is_leashed = || slope.abs() > steep && !goes_on(&self.leash) && goes_on(&far);
         if slope.abs() > ALONG_EDGE || is_leashed() {
             return Measured { distance: f64::INFINITY, ..measured };
         }
@@ -453,7 +455,7 @@ impl GuardedPoint {
 /// The line along which a surface bends between a face with a normal and what is nearest further on: across
 /// the normals of both faces, or if they are one, across the direction from there.
 pub(super) fn bend(surface: &FeatureMesh, normal: DVec3, end: &ClosestPoint) -> DVec3 {
-    let line = normal.cross(surface.normal_near(MeshFeature::Face(end.face), end.normal));
+    let line = normal.cross(surface.normal_near(end.feature, end.normal));
     if line.length_squared() > CROSSING * CROSSING { line } else { normal.cross(end.normal) }
 }
 
