@@ -20,27 +20,34 @@
 //! 1. `telemetry`: counts, times and records
 //! 2. `settings`: settings of a session
 //! 3. `scene`: objects, their fields and poses
-//! 4. `contact`: the contact loop
-//! 5. `tool`: tools that the device holds, and their gains
-//! 6. `haptic`: the haptic loop
-//! 7. `run`: the renderer, and the drivers that run the loops
-//! 8. `explore`, `guide`: tasks for an emulated hand, and the guide
+//! 4. `constraints`: contacts as constraints, for both loops
+//! 5. `penalties`: contacts as springs, as in the dissertation
+//! 6. `search`: how penalty contacts are searched for, and representative contacts
+//! 7. `contact_loop`: the contact loop
+//! 8. `tool`: tools that the device holds, and their gains
+//! 9. `haptic`: the haptic loop
+//! 10. `run`: the renderer, and the drivers that run the loops
+//! 11. `explore`, `guide`: tasks for an emulated hand, and the guide
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
-mod contact;
+mod constraints;
+mod contact_loop;
 pub mod explore;
 #[cfg(any(doc, all(doctest, feature = "models")))]
 pub mod guide;
 mod haptic;
+mod penalties;
 mod run;
 pub mod scene;
+mod search;
 pub mod settings;
 pub mod telemetry;
 pub mod tool;
 
-pub use contact::monitor::{ContactForce, ContactMonitor, ContactSnapshot, TouchingPatches, level_color};
-pub use contact::representative;
-pub use contact::{ContactLoop, ContactUpdate, Guarded, Pull};
+pub use contact_loop::monitor::{
+    ContactForce, ContactMonitor, ContactSnapshot, TouchingPatches, level_color,
+};
+pub use contact_loop::{ContactLoop, ContactUpdate, Guarded, Pull};
 pub use haptic::HapticLoop;
 pub use haptic::reactions::{Reaction, Reactions};
 pub use palpate_clod_build as clod_build;
@@ -70,6 +77,7 @@ pub use scene::moving::DynamicBody;
 pub use scene::object::{Object, OpenOptions, open_mesh};
 pub use scene::placement::HandlePlacement;
 pub use scene::{Scene, SceneId};
+pub use search::representative;
 pub use settings::Settings;
 pub use telemetry::Events;
 pub use telemetry::record::Recorded;
@@ -88,7 +96,7 @@ pub mod summary {
 
 /// Errors of the facade.
 pub mod errors {
-    pub use crate::contact::textures::TextureError;
+    pub use crate::penalties::textures::TextureError;
     pub use crate::run::hosted::HostError;
     pub use crate::run::renderer::RendererError;
     pub use crate::run::settings_editor::SettingsEditError;

@@ -7,10 +7,10 @@ use palpate_dynamics::{BodyState, Constraint, ContactBlend, LinearContactModel, 
 use super::joined::Joined;
 use super::pushed_objects::PushedObjects;
 use super::reactions::ReactionFeed;
-use crate::contact::geometry::stepping::Points;
-use crate::contact::geometry::taken::Taken;
-use crate::contact::geometry::{ContactGeometry, StepContacts, StepMotion, reach_of_step};
-use crate::contact::monitor::{ConstraintForces, ContactForce};
+use crate::constraints::geometry::stepping::Points;
+use crate::constraints::geometry::taken::Taken;
+use crate::constraints::geometry::{ContactGeometry, StepContacts, StepMotion, reach_of_step};
+use crate::contact_loop::monitor::{ConstraintForces, ContactForce};
 use crate::telemetry::record::ModelData;
 
 /// Distance that a body may move from where its contact model was found: in bounding radii, and at least, in

@@ -7,8 +7,8 @@ use rtrb::Consumer;
 
 use super::joined::{Joined, OtherHands};
 use super::reactions::ReactionFeed;
-use crate::contact::geometry::PredictedMotion;
-use crate::contact::monitor::ConstraintForces;
+use crate::constraints::geometry::PredictedMotion;
+use crate::contact_loop::monitor::ConstraintForces;
 use crate::scene::clock::SessionClock;
 use crate::scene::moving::HandMotion;
 use crate::settings::live::HapticTuning;

@@ -7,7 +7,7 @@ use palpate_dynamics::{Constraint, HostState, MotionBound, PushedBody};
 
 use super::joined::Joined;
 use super::reactions::ReactionFeed;
-use crate::contact::geometry::{ContactGeometry, MAX_OBJECTS, NearObject, PredictedMotion};
+use crate::constraints::geometry::{ContactGeometry, MAX_OBJECTS, NearObject, PredictedMotion};
 use crate::scene::SceneId;
 use crate::scene::moving::{HandMotion, Pushable};
 

@@ -5,7 +5,7 @@ use palpate_device::DeviceState;
 use palpate_dynamics::{ArticulatedBody, ArticulatedState, BodyState, GripperCoupling};
 
 use super::HapticLoop;
-use crate::contact::{ContactUpdate, Pull};
+use crate::contact_loop::{ContactUpdate, Pull};
 use crate::telemetry::hinged_record::HingedRecord;
 use crate::telemetry::record::Record;
 use crate::tool::Moves as _;

@@ -13,7 +13,7 @@ use palpate_device::{
     Status,
 };
 
-use crate::contact::monitor::ContactMonitor;
+use crate::contact_loop::monitor::ContactMonitor;
 use crate::haptic::HapticLoop;
 use crate::haptic::reactions::Reactions;
 use crate::run::realtime::{ToContact, channels, run_contact};

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use palpate_device::DeviceState;
 
-use crate::contact::ContactUpdate;
+use crate::contact_loop::ContactUpdate;
 use crate::haptic::HapticLoop;
 use crate::run::machine::MachineLoad;
 use crate::run::renderer::HapticRenderer;

@@ -17,7 +17,7 @@ use palpate_realtime::{Role, ThreadSetup, lock_memory, set_up};
 use rtrb::{Consumer, Producer, RingBuffer};
 use spin_sleep::{SpinSleeper, SpinStrategy};
 
-use crate::contact::{ContactLoop, ContactUpdate, Pull};
+use crate::contact_loop::{ContactLoop, ContactUpdate, Pull};
 use crate::haptic::HapticLoop;
 use crate::haptic::presence::FADE;
 use crate::run::lockstep::steps_in;

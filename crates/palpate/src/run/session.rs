@@ -7,7 +7,7 @@ use palpate_device::Specification;
 use palpate_realtime::{Outcome, State, ThreadSetup};
 use serde::Serialize;
 
-use crate::contact::ContactLoop;
+use crate::contact_loop::ContactLoop;
 use crate::haptic::invariants::InvariantRecord;
 use crate::run::machine::MachineLoad;
 use crate::run::renderer::HapticRenderer;

@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 use palpate_core::Pose;
 use palpate_device::DeviceError;
 
-use crate::contact::monitor::ContactMonitor;
+use crate::contact_loop::monitor::ContactMonitor;
 use crate::haptic::reactions::Reactions;
 use crate::run::renderer::HapticRenderer;
 use crate::run::session::Session;

@@ -153,7 +153,15 @@ struct Motion {
 impl MovingObject {
     /// Makes an object that a host moves.
     pub fn new() -> Self {
-        Self { motion: None, given: None, told: None, told_before: None, predicted: None, body: None, leader: None }
+        Self {
+            motion: None,
+            given: None,
+            told: None,
+            told_before: None,
+            predicted: None,
+            body: None,
+            leader: None,
+        }
     }
 
     /// Makes an object that is in another hand. Without a body it is one that is only waited for: the other

@@ -435,7 +435,10 @@ fn two_hands_meet_in_long_steps_of_varying_length() {
             let mut depths = [0.0; 30];
             for (seed, depth) in (0..).zip(&mut depths) {
                 let (deepest, force) = hands_meet(random, 2 * seed, rate, join);
-                assert!(force > 0.5 || deepest > THICKNESS, "{rate} Hz, order {order}, seed {seed}: {force} N");
+                assert!(
+                    force > 0.5 || deepest > THICKNESS,
+                    "{rate} Hz, order {order}, seed {seed}: {force} N"
+                );
                 *depth = deepest;
             }
             depths.sort_by(f64::total_cmp);
