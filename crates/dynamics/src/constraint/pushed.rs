@@ -180,7 +180,7 @@ impl PushedBody {
     }
 
     /// Takes note of what the host says, if it is new.
-    pub fn hear(&mut self, host: &HostState) {
+    pub fn apply_host_state(&mut self, host: &HostState) {
         if *host == self.host {
             return;
         }
@@ -209,15 +209,15 @@ impl PushedBody {
 
     /// Takes an acceleration (m/s² and rad/s²) for how the body has responded to the load so far. A body that
     /// lies on a table does not fall until its host answers.
-    pub fn expect(&mut self, acceleration: &Twist) {
+    pub fn start_response(&mut self, acceleration: &Twist) {
         let [load, seen, told] =
             [&self.load, acceleration, &self.host.twist].map(|twist| self.coordinates.of(&self.pose, twist));
         self.response = Response::steady(&load, &seen, &told, self.delay);
-        self.learn();
+        self.update_response();
     }
 
     /// Learns from what the host has said how the body responds.
-    pub fn learn(&mut self) {
+    pub fn update_response(&mut self) {
         self.response.update(self.coordinates.root_mass * self.scale, self.delay);
     }
 

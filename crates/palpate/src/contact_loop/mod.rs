@@ -2,10 +2,10 @@
 //! [constraints](crate::constraints), and [penalty contacts](crate::penalties), linearised, with what is left
 //! to those.
 
-mod assemble;
 mod changes;
-mod guarding;
+mod constraints;
 pub(crate) mod monitor;
+mod penalties;
 mod snapshot;
 mod stages;
 mod touching;
@@ -29,14 +29,14 @@ use crate::contact_loop::monitor::{ContactMonitor, MonitorFeed};
 use crate::penalties::group::ContactGroup;
 use crate::penalties::in_scene::{InScene, OnLoan, objects_of};
 use crate::penalties::lookahead::Lookahead;
-use crate::penalties::proxy::{LevelFinder, Proxy};
+use crate::penalties::proxy::Proxy;
 use crate::penalties::textures::{TextureError, Textures};
 use crate::scene::Placed;
 use crate::scene::SceneId;
 use crate::scene::editor::{Edit, SceneEditor};
 use crate::scene::object::Object;
 pub(crate) use crate::search::ByLevels;
-use crate::search::by_fields::{ByFields, FieldFinder, in_steps};
+use crate::search::by_fields::ByFields;
 use crate::search::representative::FieldError;
 use crate::search::{RESERVED, choose};
 use crate::settings::live::{ContactTuning, Ramp};
@@ -278,59 +278,6 @@ impl ContactLoop {
         ContactUpdate { geometry, ..update }
     }
 
-    /// Finds the contacts that are penalty contacts, for the grasped object's state at `time` (s).
-    fn find_penalties(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
-        let interval = self.interval;
-        let ahead = self.lookahead.horizon(interval);
-        let tolerance = self.parameters.tolerance;
-        let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);
-        let lag = self.lookahead.limited_lag(self.proxy.lag());
-        let motion = self.lookahead.motion_bound(&body.twist, self.fastest, ahead);
-        let behind = if self.is_by_fields() { in_steps(lag, tolerance) } else { lag };
-        let reach = (near + behind + motion).min(self.max_reach());
-        self.move_proxy(&body.pose, reach);
-        let depths = self.proxy.contacts().map(|found| found.contact.contact.depth);
-        self.lookahead.adapt((motion, lag), near, depths);
-        self.sort(body, ahead);
-        self.show_patches(time);
-        let probe_pose = body.pose * Pose::from_translation(-self.center_of_mass);
-        let mut model = LinearContactModel::empty(&body.pose, time);
-        let braking = self.braking_parameters(ahead);
-        if self.is_by_fields() {
-            self.push_represented(&mut model, body, interval);
-        } else {
-            self.push_touching(&mut model, &probe_pose, interval);
-        }
-        let mut depth = self.groups().fold(0.0, |depth: f64, group| depth.max(group.deepest()));
-        let coarse = self.push_textured(&mut model, &mut depth, body, &braking, interval, ahead);
-        self.push_approaching(&mut model, &braking, (&probe_pose, interval), (reach, ahead));
-        let events = &mut self.telemetry.events;
-        events.contact_refused += u64::from(model.refused());
-        events.contact_overflow += u64::from(model.overflow());
-        let contacts = self.groups().map(|group| group.touching.len()).sum::<usize>() + coarse;
-        ContactUpdate::new(model, time, depth, contacts as u32)
-    }
-
-    /// Moves the proxy towards a pose of the body, with contacts found within a reach (m), and counts the
-    /// queries' events.
-    fn move_proxy(&mut self, goal: &Pose, reach: f64) {
-        let Self { proxy, scene, .. } = self;
-        let report = match &mut self.by_fields {
-            Ok(by_fields) if self.textures.is_none() => {
-                proxy.follow(goal, &mut FieldFinder { by_fields, scene, reach })
-            }
-            _ => {
-                let settings = QuerySettings { tolerance: reach, ..self.settings };
-                proxy.follow(goal, &mut LevelFinder { scene, settings })
-            }
-        };
-        let events = &mut self.telemetry.events;
-        events.contact_overflow += report.dropped as u64;
-        events.contact_refused += u64::from(report.refused);
-        events.not_converged += report.not_converged as u64;
-        events.proxy_engaged += u64::from(proxy.pose() != goal);
-    }
-
     /// The groups of contacts: that of all still objects, then those of each moving object.
     fn groups(&self) -> impl Iterator<Item = &ContactGroup> {
         let moving =
@@ -348,14 +295,6 @@ impl ContactLoop {
         match &self.by_fields {
             Ok(_) if self.textures.is_some() => Err(&ByLevels::Texture),
             found => found.as_ref().map(|fields| fields.needs.error()),
-        }
-    }
-
-    /// Largest reach of the contact search, m.
-    fn max_reach(&self) -> f64 {
-        match &self.by_fields {
-            Ok(fields) if self.textures.is_none() => fields.max_reach(),
-            _ => self.probe.shape().max_tolerance(),
         }
     }
 

@@ -85,16 +85,16 @@ impl<T: Tool> HapticLoop<T> {
 
     /// The first error that the device gave, if any.
     pub fn device_error(&self) -> Option<&DeviceError> {
-        self.outputs.device_error.get()
+        self.channels.device_error.get()
     }
 
     /// The first error that the device gave, shared with other threads while the loop runs.
     pub(crate) fn shared_device_error(&self) -> Arc<OnceLock<DeviceError>> {
-        Arc::clone(&self.outputs.device_error)
+        Arc::clone(&self.channels.device_error)
     }
 
     /// Keeps an error of the device if it is the first. It is only moved; other threads format it.
     pub(crate) fn keep_device_error(&self, error: DeviceError) {
-        let _ = self.outputs.device_error.set(error);
+        let _ = self.channels.device_error.set(error);
     }
 }

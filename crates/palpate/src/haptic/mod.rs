@@ -4,6 +4,7 @@
 //! A step never allocates, locks, blocks or panics; faults are counted in [`HapticTelemetry::events`].
 
 mod body_contacts;
+mod channels;
 mod exchange;
 pub(crate) mod gripper;
 pub(crate) mod heat;
@@ -11,7 +12,6 @@ pub(crate) mod invariants;
 mod joined;
 mod observer;
 pub(crate) mod output;
-mod outputs;
 pub(crate) mod presence;
 mod pushed_objects;
 pub(crate) mod reactions;
@@ -31,11 +31,11 @@ use palpate_dynamics::{
 use rtrb::Consumer;
 
 use self::body_contacts::BodyContacts;
+use self::channels::Channels;
 use self::gripper::Gripper;
 use self::invariants::{Invariants, Moment};
 use self::joined::Joined;
 use self::output::Output;
-use self::outputs::Outputs;
 use self::presence::Presence;
 use self::pushed_objects::PushedObjects;
 use self::reactions::Reactions;
@@ -87,7 +87,7 @@ pub struct HapticLoop<T: Tool = Rigid> {
     hand: Option<Hand>,
     /// Whether no more contacts will be found.
     contacts_ended: bool,
-    outputs: Outputs,
+    channels: Channels,
     /// Ramp of the coupling to newly set gains.
     tuning: Option<Ramp<VirtualCoupling>>,
     /// Time of the first step, s, from which the age of a contact model that never came counts; NaN before.
@@ -173,7 +173,7 @@ impl<T: Tool> HapticLoop<T> {
             pushed: Box::new(PushedObjects::new(scale)),
             hand: None,
             contacts_ended: false,
-            outputs: Outputs::default(),
+            channels: Channels::default(),
             tuning: None,
             started: f64::NAN,
             now: f64::NAN,
@@ -237,7 +237,7 @@ impl<T: Tool> HapticLoop<T> {
         let age = self.now - time;
         known.blend.arrive(model, &state, age, duration);
         let age = if age > 0.0 { age } else { 0.0 };
-        known.take((body, geometry.as_ref()), (&state, age), &mut self.pushed, &self.outputs.joined);
+        known.take((body, geometry.as_ref()), (&state, age), &mut self.pushed, &self.channels.joined);
         known.found = ModelData { time, pose: *model.pose(), depth, contacts };
         known.penalties = (depth, contacts);
         self.waited = false;
@@ -371,27 +371,27 @@ impl<T: Tool> HapticLoop<T> {
 
     /// Moves the tool by `dt` (s). After [`MAX_FAILED_STEPS`] it is placed where the hand holds it.
     fn step_tool(&mut self, hand: &Hand, dt: f64) -> ToolStep {
-        let other_hands = self.outputs.other_hands.take(&self.tool.body_state(0));
+        let other_hands = self.channels.other_hands.take(&self.tool.body_state(0));
         if let Some((linear, angular)) = other_hands {
             self.tool.push(linear, angular);
         }
-        self.outputs.joined.iter_mut().for_each(|other| other.update(self.now));
-        self.pushed.listen(&self.outputs.joined, &self.outputs.reacting);
+        self.channels.joined.iter_mut().for_each(|other| other.update(self.now));
+        self.pushed.follow_hands(&self.channels.joined, &self.channels.reacting);
         self.pushed.begin(dt);
         let before = self.tool.body_state(0).twist;
         let mut bounds = [MotionBound::NONE; 2];
         for ((index, body), bound) in self.bodies.iter_mut().enumerate().zip(&mut bounds) {
             let state = self.tool.body_state(index);
             body.blend.advance(&state, dt);
-            *bound = body.find(&state, dt, &self.pushed, &self.outputs.joined);
+            *bound = body.find(&state, dt, &self.pushed, &self.channels.joined);
         }
         let mut step = self.bounded_step(hand, bounds, dt);
-        self.outputs.other_hands.observe(&before, &self.tool.body_state(0).twist, dt);
+        self.channels.other_hands.observe(&before, &self.tool.body_state(0).twist, dt);
         if let Some((linear, angular)) = other_hands.filter(|_| dt > 0.0) {
             step.contacts[0] += Wrench { force: linear / dt, torque: angular / dt };
         }
         for body in &self.bodies {
-            let lost = body.push(&mut self.pushed, &mut self.outputs.reacting);
+            let lost = body.push(&mut self.pushed, &mut self.channels.reacting);
             self.telemetry.events.reaction_dropped += lost;
         }
         self.pushed.end(dt, self.now);
@@ -461,7 +461,7 @@ impl<T: Tool> HapticLoop<T> {
 
     /// Applies newly set gains, gradually.
     fn tune(&mut self, dt: f64) {
-        while let Some(tuning) = self.outputs.tunings.as_mut().and_then(|tunings| tunings.pop().ok()) {
+        while let Some(tuning) = self.channels.tunings.as_mut().and_then(|tunings| tunings.pop().ok()) {
             self.tuning = Some(Ramp::new(*self.tool.coupling(), tuning.coupling));
             self.tracking.set_lags(tuning.velocity_lags);
             self.output.set_slew(tuning.slew);
@@ -477,13 +477,13 @@ impl<T: Tool> HapticLoop<T> {
     }
 
     pub(crate) fn set_tunings(&mut self, tunings: Consumer<HapticTuning>) {
-        self.outputs.tunings = Some(tunings);
+        self.channels.tunings = Some(tunings);
     }
 
     /// Publishes the first body's motion and, if a step of `dt` (s) was taken, its contacts' forces on the
     /// scene.
     fn publish(&mut self, taken: bool, dt: f64) {
-        let reacting = &mut self.outputs.reacting;
+        let reacting = &mut self.channels.reacting;
         if taken {
             for (index, body) in self.bodies.iter().enumerate() {
                 let state = self.tool.body_state(index);
@@ -491,19 +491,19 @@ impl<T: Tool> HapticLoop<T> {
             }
         }
         self.telemetry.events.reaction_dropped += reacting.pass_on();
-        for (index, monitor) in &mut self.outputs.constraints {
+        for (index, monitor) in &mut self.channels.constraints {
             let Some(body) = self.bodies.get(*index) else { continue };
             body.write_constraints(&self.tool.body_state(*index), dt, monitor.input_buffer_mut());
             monitor.publish();
         }
-        for predicted in &mut self.outputs.predicted {
+        for predicted in &mut self.channels.predicted {
             self.pushed.write(predicted.input_buffer_mut());
             predicted.publish();
         }
-        self.outputs.clock.set(self.now);
-        if !self.outputs.followers.is_empty() {
+        self.channels.clock.set(self.now);
+        if !self.channels.followers.is_empty() {
             let motion = self.hand_motion();
-            for follower in &mut self.outputs.followers {
+            for follower in &mut self.channels.followers {
                 follower.write(motion);
             }
         }
@@ -514,48 +514,48 @@ impl<T: Tool> HapticLoop<T> {
         let (pose, state) = (self.tool.object_pose(0), self.tool.body_state(0));
         let arm = pose.translation - state.pose.translation;
         let twist = Twist { linear: state.twist.velocity_at(arm), angular: state.twist.angular };
-        HandMotion { pose, twist, load: self.outputs.other_hands.load() }
+        HandMotion { pose, twist, load: self.channels.other_hands.load() }
     }
 
     /// Opens the queue of contact forces on the scene's objects, filled from the next step on.
     pub(crate) fn reactions(&mut self) -> Reactions {
-        self.outputs.reacting.open()
+        self.channels.reacting.open()
     }
 
     /// Opens a view of the forces of a body's constraints for a contact monitor.
     pub(crate) fn constraint_monitor(&mut self, body: usize) -> triple_buffer::Output<ConstraintForces> {
         let (input, output) = triple_buffer::triple_buffer(&ConstraintForces::new());
-        self.outputs.constraints.push((body, input));
+        self.channels.constraints.push((body, input));
         output
     }
 
     /// Opens a view of the motion of the objects that contacts push.
     pub(crate) fn predict(&mut self) -> triple_buffer::Output<PredictedMotion> {
         let (input, output) = triple_buffer::triple_buffer(&PredictedMotion::new());
-        self.outputs.predicted.push(input);
+        self.channels.predicted.push(input);
         output
     }
 
     /// Time of the last step, for other threads.
     pub(crate) fn clock(&self) -> Arc<SessionClock> {
-        Arc::clone(&self.outputs.clock)
+        Arc::clone(&self.channels.clock)
     }
 
     /// Opens a view of the first body's motion for another session.
     pub(crate) fn lead(&mut self) -> triple_buffer::Output<HandMotion> {
         let (input, output) = triple_buffer::triple_buffer(&self.hand_motion());
-        self.outputs.followers.push(input);
+        self.channels.followers.push(input);
         output
     }
 
     /// Follows the object in another hand, of a bounding radius (m), which is in this scene.
     pub(crate) fn follow(&mut self, id: SceneId, other: &mut Self, radius: f64) {
-        self.outputs.joined.push(Joined::new(id, other.lead(), radius));
+        self.channels.joined.push(Joined::new(id, other.lead(), radius));
     }
 
     /// Lets contacts with an object of this scene, which is in another hand, act on it there.
     pub(crate) fn push(&mut self, id: SceneId, other: &mut Self) {
-        other.outputs.other_hands.add(self.outputs.reacting.route(id));
+        other.channels.other_hands.add(self.channels.reacting.route(id));
     }
 
     /// Counts the energy that flowed over the last period. Returns the largest energy that may come back, J

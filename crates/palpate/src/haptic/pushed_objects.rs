@@ -62,11 +62,11 @@ impl PushedObjects {
             if pushable.in_hand {
                 // The other haptic loop says more.
             } else if pushable.is_placed {
-                body.place(&pushable.told);
+                body.place(&pushable.host_state);
             } else {
                 body.set_load(&pushable.load);
-                body.hear(&pushable.told);
-                body.learn();
+                body.apply_host_state(&pushable.host_state);
+                body.update_response();
             }
         }
         for index in (0..self.places.len()).rev() {
@@ -89,12 +89,12 @@ impl PushedObjects {
         let pose = object.pose * Pose::from_translation(center);
         let Twist { angular, .. } = object.motion.twist;
         let twist = Twist::new(object.motion.twist.velocity_at(pose.translation), angular);
-        let mut body = PushedBody::new(&pushable.body, &pushable.told).at_scale(self.scale);
+        let mut body = PushedBody::new(&pushable.body, &pushable.host_state).at_scale(self.scale);
         body.start(&pose, &twist);
         if let (Some(acceleration), false) = (&pushable.acceleration, pushable.in_hand) {
             body.set_delay(pushable.delay);
             body.set_load(&pushable.load);
-            body.expect(acceleration);
+            body.start_response(acceleration);
         }
         self.places.try_push(Placing { id, center, radius, near: 0 }).ok()?;
         self.bodies.try_push(body).ok()?;
@@ -139,7 +139,7 @@ impl PushedObjects {
 
     /// Takes note of what the haptic loops of other hands say of the objects that they hold, and of the
     /// impulses that were sent there since.
-    pub fn listen(&mut self, joined: &[Joined], reacting: &ReactionFeed) {
+    pub fn follow_hands(&mut self, joined: &[Joined], reacting: &ReactionFeed) {
         for other in joined.iter().filter(|other| other.is_new) {
             let Some(index) = self.places.iter().position(|place| place.id == other.id) else { continue };
             let HandMotion { pose, twist, load } = *other.motion();
@@ -154,7 +154,7 @@ impl PushedObjects {
             let struck = body.change(reacting.waiting_for(other.id, pose.translation));
             let linear = twist.velocity_at(arm) + struck.linear;
             let twist = Twist::new(linear, twist.angular + struck.angular);
-            body.hear(&HostState { time: f64::INFINITY, pose, twist });
+            body.apply_host_state(&HostState { time: f64::INFINITY, pose, twist });
         }
     }
 
@@ -233,7 +233,7 @@ mod tests {
             id: ID,
             body: Body::new(0.1, DMat3::from_diagonal(DVec3::splat(1e-4))).expect("a body"),
             center: DVec3::ZERO,
-            told,
+            host_state: told,
             is_placed: false,
             in_hand: true,
             delay: 2e-3,
@@ -291,7 +291,7 @@ mod tests {
         let mut step = |told: f64, time: f64| {
             hand.write(at(told));
             joined.update(time);
-            pushed.listen(std::slice::from_ref(&joined), &ReactionFeed::default());
+            pushed.follow_hands(std::slice::from_ref(&joined), &ReactionFeed::default());
             pushed.begin(1e-3);
             pushed.end(1e-3, time);
             geometries.each_mut().map(|geometry| {

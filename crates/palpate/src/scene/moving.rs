@@ -82,8 +82,8 @@ pub(crate) struct MovingObject {
     /// Pose of the mesh's frame and velocity of its origin, if the host has set them since the last step.
     given: Option<(Pose, Twist)>,
     /// What the host said last, and before that.
-    told: Option<Told>,
-    told_before: Option<Told>,
+    reported: Option<Reported>,
+    reported_before: Option<Reported>,
     /// Pose and velocity to which the haptic loop has moved it.
     predicted: Option<(Pose, Twist)>,
     /// Dynamic body, with its inverse inertia.
@@ -94,7 +94,7 @@ pub(crate) struct MovingObject {
 
 /// Pose of an object's mesh frame and velocity of its origin at a time (s), as its host said.
 #[derive(Clone, Copy, Debug)]
-struct Told {
+struct Reported {
     time: f64,
     pose: Pose,
     twist: Twist,
@@ -119,7 +119,7 @@ pub(crate) struct Pushable {
     pub body: Body,
     /// Centre of mass in the mesh's frame, m.
     pub center: DVec3,
-    pub told: HostState,
+    pub host_state: HostState,
     /// Whether the object was put where it is, rather than moved there.
     pub is_placed: bool,
     /// Whether it is in another hand, whose haptic loop tells more.
@@ -156,8 +156,8 @@ impl MovingObject {
         Self {
             motion: None,
             given: None,
-            told: None,
-            told_before: None,
+            reported: None,
+            reported_before: None,
             predicted: None,
             body: None,
             leader: None,
@@ -186,7 +186,7 @@ impl MovingObject {
     /// Sets the pose of the mesh's frame and the velocity of its origin, as they were at a time (s).
     pub fn set_motion(&mut self, pose: &Pose, twist: &Twist, time: f64) {
         self.given = Some((*pose, *twist));
-        self.told_before = self.told.replace(Told { time, pose: *pose, twist: *twist });
+        self.reported_before = self.reported.replace(Reported { time, pose: *pose, twist: *twist });
     }
 
     /// Takes over the motion that the haptic loop has found, or no longer does.
@@ -205,25 +205,25 @@ impl MovingObject {
     ) -> Option<Pushable> {
         let (dynamics, _) = self.body.as_ref()?;
         let DynamicBody { mass, inertia, center_of_mass, gravity, period } = *dynamics;
-        let never = Told { time: f64::NEG_INFINITY, pose: *pose, twist: Twist::ZERO };
-        let mut told = self.told.unwrap_or(never);
-        let mut acceleration = self.told_before.map(|before| told.acceleration_since(&before, dynamics));
-        if self.told.is_some() && now - told.time > SILENCE * period {
-            // A host that says nothing more has nothing more to say: the object is as it was.
-            told = told.stood(now - period);
+        let never = Reported { time: f64::NEG_INFINITY, pose: *pose, twist: Twist::ZERO };
+        let mut told = self.reported.unwrap_or(never);
+        let mut acceleration = self.reported_before.map(|before| told.acceleration_since(&before, dynamics));
+        if self.reported.is_some() && now - told.time > SILENCE * period {
+            // No newer state: the last one is extrapolated, and then the object stands.
+            told = told.extrapolated(now - period);
             acceleration = Some(Twist::ZERO);
         }
-        let Told { time, pose, .. } = told;
+        let Reported { time, pose, .. } = told;
         Some(Pushable {
             id,
             body: Body::new(mass, inertia).ok()?,
             center: center_of_mass,
-            told: HostState {
+            host_state: HostState {
                 time,
                 pose: pose * Pose::from_translation(center_of_mass),
                 twist: told.twist_of(center_of_mass),
             },
-            is_placed: self.told.is_none(),
+            is_placed: self.reported.is_none(),
             in_hand: self.leader.is_some(),
             delay: ANSWER * (period + if self.leader.is_some() { period } else { interval.max(0.0) }),
             load: Twist::new(gravity, DVec3::ZERO),
@@ -249,7 +249,7 @@ impl MovingObject {
     /// Stops the object where it is.
     pub fn stop(&mut self) {
         (self.motion, self.given, self.predicted) = (None, None, None);
-        (self.told, self.told_before) = (None, None);
+        (self.reported, self.reported_before) = (None, None);
     }
 
     /// Pose of the mesh's frame at a time (s); `None` if the host has never moved it.
@@ -258,11 +258,11 @@ impl MovingObject {
             && leader.update()
         {
             let HandMotion { pose, twist, .. } = *leader.output_buffer();
-            self.told = Some(Told { time: now, pose, twist });
+            self.reported = Some(Reported { time: now, pose, twist });
         }
         if self.leader.is_some() && self.predicted.is_none() {
             // It is told as often as it moves.
-            self.predicted = self.told.map(|told| (told.pose, told.twist));
+            self.predicted = self.reported.map(|told| (told.pose, told.twist));
         }
         let given = self.given.take();
         if self.motion.is_none() && given.is_none() {
@@ -324,9 +324,9 @@ impl MovingObject {
     }
 }
 
-impl Told {
+impl Reported {
     /// The state at a time (s) if its host says nothing more: it moves on for a while, and then stands.
-    fn stood(&self, time: f64) -> Self {
+    fn extrapolated(&self, time: f64) -> Self {
         let pose = self.pose.moved(&self.twist, (time - self.time).clamp(0.0, MAX_EXTRAPOLATION));
         let twist = if time - self.time < MAX_EXTRAPOLATION { self.twist } else { Twist::ZERO };
         Self { time, pose, twist }

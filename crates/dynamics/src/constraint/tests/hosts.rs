@@ -105,8 +105,8 @@ impl Session {
                 self.known = self.told;
             }
             if !self.is_deaf {
-                self.pushed.hear(&self.known);
-                self.pushed.learn();
+                self.pushed.apply_host_state(&self.known);
+                self.pushed.update_response();
             }
             self.pushed.begin(DT);
             let between = self.pushed.pose().translation.z - self.rig.state.pose.translation.z;
@@ -286,10 +286,10 @@ fn a_body_that_is_put_elsewhere_is_there() {
     };
     assert!((step(&mut pushed, DVec3::ZERO) - 0.1 * DT).abs() < 1e-15);
     // A small difference is taken over gradually.
-    pushed.hear(&host(DT, 0.01, 0.1));
+    pushed.apply_host_state(&host(DT, 0.01, 0.1));
     let after = step(&mut pushed, DVec3::ZERO);
     assert!(after > 2e-4 && after < 2e-3, "{after} m");
-    pushed.hear(&host(DT, 0.5, 0.0));
+    pushed.apply_host_state(&host(DT, 0.5, 0.0));
     assert_eq!(pushed.pose().translation.z, 0.5);
     step(&mut pushed, DVec3::NAN);
     assert_eq!(pushed.pose().translation.z, 0.5);
@@ -318,11 +318,11 @@ fn a_body_starts_as_its_host_has_shown_it() {
         for step in 1..=1000 {
             watched.begin(DT);
             watched.end(DT, DT * f64::from(step));
-            watched.hear(&at(DT * f64::from(step)));
-            watched.learn();
+            watched.apply_host_state(&at(DT * f64::from(step)));
+            watched.update_response();
         }
         let mut known = start(1.0, gravity);
-        known.expect(&Twist::new(shown, DVec3::ZERO));
+        known.start_response(&Twist::new(shown, DVec3::ZERO));
         for impulse in [DVec3::X, DVec3::Z, DVec3::new(0.3, -0.5, 0.2)] {
             let [one, other] = [&watched, &known].map(|body| body.change((impulse, DVec3::ZERO)).linear);
             // A step of 1 ms is a 24th of the delay.
@@ -330,7 +330,7 @@ fn a_body_starts_as_its_host_has_shown_it() {
         }
         // A wrong acceleration is told from a right one.
         let mut wrong = start(1.0, gravity);
-        wrong.expect(&Twist::new(if shown == gravity { DVec3::ZERO } else { gravity }, DVec3::ZERO));
+        wrong.start_response(&Twist::new(if shown == gravity { DVec3::ZERO } else { gravity }, DVec3::ZERO));
         let [one, other] = [&watched, &wrong].map(|body| body.change((DVec3::Z, DVec3::ZERO)).linear);
         assert!(one.distance(other) > 0.4 * 5.0, "{shown}: {one} and {other} m/s");
     }

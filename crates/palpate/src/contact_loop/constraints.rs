@@ -10,7 +10,7 @@ use palpate_dynamics::{BodyState, MotionBound, MovingBody};
 use palpate_field::FeatureMesh;
 
 use super::ContactLoop;
-use super::assemble::counterpart;
+use super::penalties::counterpart;
 use crate::constraints::geometry::{
     ContactGeometry, FarObject, MAX_FAR, MAX_OBJECT_MOTION, MAX_OBJECTS, NearObject, reach_of_step,
 };

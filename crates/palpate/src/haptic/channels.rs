@@ -15,7 +15,7 @@ use crate::settings::live::HapticTuning;
 
 /// Channels between the haptic loop and other threads. A clone has none of them.
 #[derive(Debug, Default)]
-pub(crate) struct Outputs {
+pub(crate) struct Channels {
     /// Gains that a settings editor sets.
     pub tunings: Option<Consumer<HapticTuning>>,
     /// Forces of contacts on the scene's objects.
@@ -36,7 +36,7 @@ pub(crate) struct Outputs {
     pub device_error: Arc<OnceLock<DeviceError>>,
 }
 
-impl Clone for Outputs {
+impl Clone for Channels {
     fn clone(&self) -> Self {
         Self::default()
     }

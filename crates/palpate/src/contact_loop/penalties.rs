@@ -1,7 +1,7 @@
-//! Assembly of the contact model from the contacts at the proxy: each group is reduced to few contacts, whose
-//! gains are limited.
+//! The step of the contact loop that finds penalty contacts, those of its proxy, and assembles their model:
+//! each group is reduced to few contacts, whose gains are limited.
 
-use palpate_collide::{Cluster, PatchContact, SceneQuery};
+use palpate_collide::{Cluster, PatchContact, QuerySettings, SceneQuery};
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{
@@ -9,18 +9,81 @@ use palpate_dynamics::{
     LinearContactModel, MovingBody,
 };
 
-use super::ContactLoop;
 use super::monitor::{ContactForce, MonitorFeed};
+use super::{ContactLoop, ContactUpdate};
 use crate::penalties::group::{ContactGroup, Counterpart};
 use crate::penalties::in_scene::InScene;
 use crate::penalties::merging::Plane;
-use crate::penalties::proxy::{carried, motion_between};
+use crate::penalties::proxy::{LevelFinder, carried, motion_between};
+use crate::penalties::textures::Textures;
+use crate::search::by_fields::{FieldFinder, in_steps};
 
 impl ContactLoop {
+    /// Finds the contacts that are penalty contacts, for the grasped object's state at `time` (s).
+    pub(super) fn find_penalties(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
+        let interval = self.interval;
+        let ahead = self.lookahead.horizon(interval);
+        let tolerance = self.parameters.tolerance;
+        let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);
+        let lag = self.lookahead.limited_lag(self.proxy.lag());
+        let motion = self.lookahead.motion_bound(&body.twist, self.fastest, ahead);
+        let behind = if self.is_by_fields() { in_steps(lag, tolerance) } else { lag };
+        let reach = (near + behind + motion).min(self.max_reach());
+        self.move_proxy(&body.pose, reach);
+        let depths = self.proxy.contacts().map(|found| found.contact.contact.depth);
+        self.lookahead.adapt((motion, lag), near, depths);
+        self.sort(body, ahead);
+        self.show_patches(time);
+        let probe_pose = body.pose * Pose::from_translation(-self.center_of_mass);
+        let mut model = LinearContactModel::empty(&body.pose, time);
+        let braking = self.braking_parameters(ahead);
+        if self.is_by_fields() {
+            self.push_represented(&mut model, body, interval);
+        } else {
+            self.push_touching(&mut model, &probe_pose, interval);
+        }
+        let mut depth = self.groups().fold(0.0, |depth: f64, group| depth.max(group.deepest()));
+        let coarse = self.push_textured(&mut model, &mut depth, body, &braking, interval, ahead);
+        self.push_approaching(&mut model, &braking, (&probe_pose, interval), (reach, ahead));
+        let events = &mut self.telemetry.events;
+        events.contact_refused += u64::from(model.refused());
+        events.contact_overflow += u64::from(model.overflow());
+        let contacts = self.groups().map(|group| group.touching.len()).sum::<usize>() + coarse;
+        ContactUpdate::new(model, time, depth, contacts as u32)
+    }
+
+    /// Moves the proxy towards a pose of the body, with contacts found within a reach (m), and counts the
+    /// queries' events.
+    fn move_proxy(&mut self, goal: &Pose, reach: f64) {
+        let Self { proxy, scene, .. } = self;
+        let report = match &mut self.by_fields {
+            Ok(by_fields) if self.textures.is_none() => {
+                proxy.follow(goal, &mut FieldFinder { by_fields, scene, reach })
+            }
+            _ => {
+                let settings = QuerySettings { tolerance: reach, ..self.settings };
+                proxy.follow(goal, &mut LevelFinder { scene, settings })
+            }
+        };
+        let events = &mut self.telemetry.events;
+        events.contact_overflow += report.dropped as u64;
+        events.contact_refused += u64::from(report.refused);
+        events.not_converged += report.not_converged as u64;
+        events.proxy_engaged += u64::from(proxy.pose() != goal);
+    }
+
+    /// Largest reach of the contact search, m.
+    fn max_reach(&self) -> f64 {
+        match &self.by_fields {
+            Ok(fields) if self.textures.is_none() => fields.max_reach(),
+            _ => self.probe.shape().max_tolerance(),
+        }
+    }
+
     /// Sorts the proxy's contacts, carried to the body's pose, into those within d and those that the body
     /// approaches within `ahead` (s). Contacts with a moving object go to its group, all others to that of
     /// the still objects.
-    pub(super) fn sort(&mut self, body: &BodyState, ahead: f64) {
+    fn sort(&mut self, body: &BodyState, ahead: f64) {
         let tolerance = self.parameters.tolerance;
         self.still.clear();
         for &place in &self.moving {
@@ -49,12 +112,7 @@ impl ContactLoop {
     }
 
     /// Adds the planes of representative contacts to a model, each with its share of the gains.
-    pub(super) fn push_represented(
-        &mut self,
-        model: &mut LinearContactModel,
-        body: &BodyState,
-        interval: f64,
-    ) {
+    fn push_represented(&mut self, model: &mut LinearContactModel, body: &BodyState, interval: f64) {
         let Ok(fields) = &mut self.by_fields else { return };
         let to_mesh = Pose::from_translation(-self.center_of_mass);
         let poses = (self.proxy.pose(), &body.pose);
@@ -77,7 +135,7 @@ impl ContactLoop {
     }
 
     /// Adds the clusters of all groups' contacts within d to a model.
-    pub(super) fn push_touching(&mut self, model: &mut LinearContactModel, probe_pose: &Pose, interval: f64) {
+    fn push_touching(&mut self, model: &mut LinearContactModel, probe_pose: &Pose, interval: f64) {
         let Self { objects, scene, moving, still, monitored, parameters, .. } = self;
         let mut show =
             |cluster: &Cluster, gains: &ContactParameters| show(monitored, &cluster.contact, gains);
@@ -91,7 +149,7 @@ impl ContactLoop {
     }
 
     /// Adds the approaching contacts of all groups to a model.
-    pub(super) fn push_approaching(
+    fn push_approaching(
         &mut self,
         model: &mut LinearContactModel,
         braking: &ContactParameters,
@@ -109,7 +167,7 @@ impl ContactLoop {
 
     /// Adds the contacts with textured objects to a model and raises `depth` (m) to the deepest of them.
     /// Returns the number of coarse contacts that they were found from.
-    pub(super) fn push_textured(
+    fn push_textured(
         &mut self,
         model: &mut LinearContactModel,
         depth: &mut f64,
@@ -161,7 +219,7 @@ impl ContactLoop {
 
     /// Gains of contacts that brake in a time t (s): damping b = 10 m / t, which stops a mass m in a tenth of
     /// the time.
-    pub(super) fn braking_parameters(&self, time: f64) -> ContactParameters {
+    fn braking_parameters(&self, time: f64) -> ContactParameters {
         let damping = if time > 0.0 { 10.0 * self.mass / time } else { 0.0 };
         ContactParameters { damping: damping.max(self.parameters.damping), ..self.parameters }
     }
