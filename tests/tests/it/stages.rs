@@ -98,7 +98,7 @@ fn stages_report_whether_they_are_on_and_why() {
             ("proxy", "on: by its setting, for penalties with ridges (textured)"),
             (
                 "contact search",
-                "levels of detail: an object has a haptic texture; constraints are found on the meshes",
+                "on the meshes; for penalties: levels of detail: an object has a haptic texture",
             ),
         ],
     );

@@ -710,7 +710,7 @@ fn a_summary_lists_the_stages_and_their_reasons() {
         ("contact query", "on: one scene object"),
         ("device", "Phantom Premium 1.5 6DOF (emulated): on: force along x, y, z, torque about x, y, z"),
         ("contact response", "constraints"),
-        ("contact search", "not in use: constraints are found on the meshes"),
+        ("contact search", "on the meshes: contacts are constraints"),
         ("hierarchy", "probe ellipsoid@500: off, one convex hull; scene torus@4000: on, "),
         ("braking", "off: contacts are constraints"),
         ("clustering", "off: contacts are constraints"),

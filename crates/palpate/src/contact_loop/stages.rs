@@ -150,8 +150,8 @@ impl ContactLoop {
         };
         match self.penalties() {
             Penalties::All(_) => found,
-            Penalties::None => format!("{found}; not in use: constraints are found on the meshes"),
-            _ => format!("{found}; constraints are found on the meshes"),
+            Penalties::None => "on the meshes: contacts are constraints".to_owned(),
+            _ => format!("on the meshes; for penalties: {found}"),
         }
     }
 
