@@ -109,23 +109,15 @@ impl ExactDistance {
     /// If the mesh has no triangles.
     pub fn new(mesh: &TriMesh) -> Self {
         assert!(!mesh.triangles().is_empty(), "a mesh without triangles has no distance");
-        let mut triangles = with_pseudonormals(mesh);
-        let Bounds { low, high } = Bounds::of(&triangles);
+        let mut own = with_pseudonormals(mesh);
+        let Bounds { low, high } = Bounds::of(&own);
         let (middle, size) = (low.midpoint(high), (high - low).max_element() / 2.0);
         // A mesh that is a single point has no size to scale by.
         let size = if size > 0.0 { size } else { 1.0 };
-        let (triangles_of, normals) =
-            (Vec::with_capacity(triangles.len()), Vec::with_capacity(triangles.len()));
-        let mut tree = Self {
-            triangles: triangles_of,
-            normals,
-            leaves: Vec::new(),
-            nodes: Vec::new(),
-            root: 0,
-            middle,
-            size,
-        };
-        tree.root = tree.split(&mut triangles, 0);
+        let (triangles, normals) = (Vec::with_capacity(own.len()), Vec::with_capacity(own.len()));
+        let (leaves, nodes) = (Vec::new(), Vec::new());
+        let mut tree = Self { triangles, normals, leaves, nodes, root: 0, middle, size };
+        tree.root = tree.split(&mut own, 0);
         tree
     }
 
@@ -174,7 +166,8 @@ impl ExactDistance {
             if index & IS_LEAF != 0 {
                 let Leaf { corners, first, last } = &self.leaves[(index & !IS_LEAF) as usize];
                 let distances = squared_distances(corners, &at);
-                let mut near = distances.simd_le(f32x4::splat(most)).to_bitmask() & (2 << (last - first)) - 1;
+                let own = (2 << (last - first)) - 1;
+                let mut near = distances.simd_le(f32x4::splat(most)).to_bitmask() & own;
                 let distances = distances.to_array();
                 // The nearest first, so that the others need not be measured.
                 while near != 0 {
@@ -240,11 +233,14 @@ impl ExactDistance {
             return (self.leaves.len() - 1) as u32 | IS_LEAF;
         }
         let (left, right) = divide(own, depth);
-        let parts = [left, right].into_iter().flat_map(|half| match half.len() > LANES {
-            true => ArrayVec::from(<[_; 2]>::from(divide(half, depth + 1))),
-            false => ArrayVec::<_, 2>::from_iter([half]),
-        });
-        let parts: ArrayVec<&mut [Triangle], LANES> = parts.collect();
+        let mut parts = ArrayVec::<&mut [Triangle], LANES>::new();
+        for half in [left, right] {
+            if half.len() > LANES {
+                parts.extend(<[_; 2]>::from(divide(half, depth + 1)));
+            } else {
+                parts.push(half);
+            }
+        }
         // The boxes are rounded outwards.
         let around: ArrayVec<_, LANES> = parts
             .iter()

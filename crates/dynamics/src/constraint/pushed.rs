@@ -207,8 +207,8 @@ impl PushedBody {
         }
     }
 
-    /// Takes an acceleration (m/s² and rad/s²) for how the body has responded to the load so far. A body that
-    /// lies on a table does not fall until its host answers.
+    /// Starts to respond as a body does that moves with an acceleration (m/s² and rad/s²) under the load: one
+    /// that lies on a table does not fall until its host answers.
     pub fn start_response(&mut self, acceleration: &Twist) {
         let [load, seen, told] =
             [&self.load, acceleration, &self.host.twist].map(|twist| self.coordinates.of(&self.pose, twist));

@@ -51,8 +51,8 @@ impl Response {
         }
     }
 
-    /// The response of a body that a steady acceleration by other forces has changed by another one, with the
-    /// velocity that the host told of last: what [`observe`](Self::observe) converges to.
+    /// What [`observe`](Self::observe) converges to where other forces would accelerate a free body by `load`
+    /// and the host shows `seen` instead, with the velocity that it told of last.
     pub fn steady(load: &Six, seen: &Six, told: &Six, delay: f64) -> Self {
         let [expected, seen] = [load, seen].map(|rate| rate.map(|rate| rate * delay));
         let slow = std::array::from_fn(|index| told[index] - seen[index]);
