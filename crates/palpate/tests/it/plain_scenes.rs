@@ -148,6 +148,42 @@ fn any_number_of_objects_is_felt() {
     assert!(records[700].object.translation.z < 0.009, "the hand does not press");
 }
 
+/// Of 200 objects near a plate it touches 20, and the others are a little lower: it is held by those, and
+/// goes along them and away. With seldom contacts there is no room for all that it could touch before the
+/// next ones: it waits for them, which is counted.
+#[test]
+fn twenty_of_two_hundred_objects_hold_a_plate() {
+    const LOWER: f64 = 1e-3;
+    let plate = block(DVec3::new(0.08, 0.08, 0.02));
+    let lowered = |(index, (object, at)): (usize, (Object, DVec3))| {
+        (object, if index.is_multiple_of(10) { at } else { at - DVec3::Z * LOWER })
+    };
+    let bed: Vec<_> = bed(200, 0.005).into_iter().enumerate().map(lowered).collect();
+    for (rate, is_free) in [(1000.0, true), (200.0, false)] {
+        let (records, events) = session(&plate, &bed, over_a_bed, Response::Constraints, (rate, 2.2));
+        let lowest = records.iter().map(|r| r.object.translation.z).fold(f64::INFINITY, f64::min);
+        let (pressed, aside) = (records[700].coupling.force.z, records[1300].object.translation.x);
+        let left = records[1900..].iter().map(|r| (r.object.translation - r.handle.translation).length());
+        let left = left.fold(0.0, f64::max);
+        println!("{rate} Hz: {lowest:.6} m, {pressed:.2} N, {aside:.4} m aside, {left:.1e} m behind");
+        assert!((lowest - 0.01).abs() < OVERLAP && pressed > 0.1, "{rate} Hz: {lowest} m, {pressed} N");
+        if is_free {
+            assert!(
+                (aside - 0.004).abs() < 3e-4 && left < 1e-4,
+                "{rate} Hz: {aside} m aside, {left} m behind"
+            );
+        } else {
+            let is_counted = events.contact_overflow > 0 && events.waited > 0;
+            assert!(left < 1e-2 && is_counted, "{rate} Hz: {left} m behind, {events:?}");
+        }
+    }
+    // Negative control: the lower ones hold it lower.
+    let lower: Vec<_> = bed.into_iter().filter(|(_, at)| at.z < -0.0025).collect();
+    let (records, _) = session(&plate, &lower, over_a_bed, Response::Constraints, (1000.0, 0.8));
+    let lowest = records.iter().map(|r| r.object.translation.z).fold(f64::INFINITY, f64::min);
+    assert!(lower.len() == 180 && (lowest - 0.01 + LOWER).abs() < OVERLAP, "{} at {lowest} m", lower.len());
+}
+
 /// A rod among beads that it never comes to is held by the slab under it, the last of as many objects as
 /// there is room for, and one more.
 #[test]
