@@ -84,9 +84,9 @@ const ENOUGH: f64 = 1.25;
 /// for all of a body.
 const MAX_GROWTH: f64 = 8.0;
 
-/// Number of distances that a query reads at most, for each second of the time between queries: so it takes
-/// less than that time, and the next one no longer for this one having been late. With fewer, what is new to
-/// a fast body waits for the next queries, and the body with it.
+/// Number of distances that a query reads at most, for each second of the time between queries: about as many
+/// as it reads in that time. With fewer, what is new to a fast body waits for the next queries, and the body
+/// with it; with more, a query takes the longer for the last one having been late.
 const READINGS: f64 = 1.5e6;
 
 /// The same of the first query. With fewer, a body that starts near a surface waits for longer; with more, it
