@@ -415,7 +415,7 @@ impl Guard {
     }
 
     /// Edge of the last query's cells, in that of the finest.
-    pub fn growth(&self) -> f64 {
+    pub fn cell(&self) -> f64 {
         Cells::new(1.0, self.coarseness).edge
     }
 

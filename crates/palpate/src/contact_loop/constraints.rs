@@ -82,7 +82,7 @@ const ENOUGH: f64 = 1.25;
 
 /// Largest edge of cells that starts are as fine as, in that of the smallest. With more, one start may stand
 /// for all of a body.
-const MAX_GROWTH: f64 = 8.0;
+const MAX_CELL: f64 = 8.0;
 
 /// Number of distances that a query reads at most, for each second of the time between queries: about as many
 /// as it reads in that time. With fewer, what is new to a fast body waits for the next queries, and the body
@@ -138,7 +138,7 @@ impl ContactLoop {
         };
         // A body that touches a surface is held there anyway, if it speeds up.
         let enough = if self.guard.nearest() < reach { enough.min(ENOUGH * reach) } else { enough };
-        let cell = edge * self.guard.growth().min(MAX_GROWTH);
+        let cell = edge * self.guard.cell().min(MAX_CELL);
         let reaches = Reaches { reach, enough, edge, cell, long: LONG * edge };
         let (points, reserves) = self.guard.room();
         let mut geometry = ContactGeometry {

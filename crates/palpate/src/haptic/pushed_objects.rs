@@ -53,7 +53,7 @@ impl PushedObjects {
         }
         for object in &geometry.objects {
             let Some(pushable) = &object.pushable else { continue };
-            let Some(index) = self.known(object) else { continue };
+            let Some((index, is_new)) = self.known(object) else { continue };
             let (Some(body), Some(place)) = (self.bodies.get_mut(index), self.places.get_mut(index)) else {
                 continue;
             };
@@ -65,6 +65,9 @@ impl PushedObjects {
                 body.place(&pushable.host_state);
             } else {
                 body.set_load(&pushable.load);
+                if let (true, Some(acceleration)) = (is_new, &pushable.acceleration) {
+                    body.start_response(acceleration);
+                }
                 body.apply_host_state(&pushable.host_state);
                 body.update_response();
             }
@@ -78,12 +81,12 @@ impl PushedObjects {
         self.move_objects(geometry);
     }
 
-    /// Index of an object that contacts push, which is added if it is not known; `None` if there is no room.
-    fn known(&mut self, object: &NearObject) -> Option<usize> {
+    /// Index of an object that contacts push, and whether it was added now; `None` if there is no room.
+    fn known(&mut self, object: &NearObject) -> Option<(usize, bool)> {
         let pushable = object.pushable.as_ref()?;
         let known = self.places.iter().position(|place| place.id == pushable.id);
-        if known.is_some() {
-            return known;
+        if let Some(known) = known {
+            return Some((known, false));
         }
         let Pushable { id, center, radius, .. } = *pushable;
         let pose = object.pose * Pose::from_translation(center);
@@ -91,14 +94,9 @@ impl PushedObjects {
         let twist = Twist::new(object.motion.twist.velocity_at(pose.translation), angular);
         let mut body = PushedBody::new(&pushable.body, &pushable.host_state).at_scale(self.scale);
         body.start(&pose, &twist);
-        if let (Some(acceleration), false) = (&pushable.acceleration, pushable.in_hand) {
-            body.set_delay(pushable.delay);
-            body.set_load(&pushable.load);
-            body.start_response(acceleration);
-        }
         self.places.try_push(Placing { id, center, radius, near: 0 }).ok()?;
         self.bodies.try_push(body).ok()?;
-        Some(self.places.len() - 1)
+        Some((self.places.len() - 1, true))
     }
 
     /// Numbers an object and places it where it is by now. Returns it, if contacts push it, with a bound on
