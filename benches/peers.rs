@@ -16,6 +16,7 @@
 //!   that of the magnitudes.
 //! - depth off: the largest difference of the deepest contact's depth, counted where bodies penetrate by
 //!   either, in percent of the probe's radius.
+//! - at every pose, with `--depths`: the same, compared with the deepest place of either surface.
 //! - missed: regions of intersection deeper than 2 EPS ([`MIN_REGION_DEPTH`]) without a penetrating contact,
 //!   and their total number.
 //!
@@ -38,7 +39,7 @@ use palpate_benches::engine::EngineQuery;
 use palpate_benches::method::Method;
 use palpate_benches::parry::{Manifolds, TrianglePairs, distance_grid};
 use palpate_benches::point_shell::{DistanceGrid, Features, PointShell, ShellInGrid};
-use palpate_benches::reference::{Reference, Truth};
+use palpate_benches::reference::{Depths, Reference, Truth};
 use palpate_benches::representative::Representative;
 use palpate_benches::scenarios::{self, Scenario};
 use palpate_field::{AreaContact, FieldBody, FieldOptions, FieldSettings};
@@ -79,6 +80,9 @@ struct Arguments {
     /// m; by default 1 µm, or 1e-5 R for probes with R > 0.1 m
     #[arg(long, value_name = "STEP", num_args = 0..=1, conflicts_with = "anywhere")]
     continuity: Option<Option<f64>>,
+    /// Compare the deepest contact with the deepest place of either surface at every pose of the whole path
+    #[arg(long, conflicts_with = "anywhere")]
+    depths: bool,
     /// Number of poses that are compared with the reference
     #[arg(long, default_value_t = 40)]
     scored: usize,
@@ -110,6 +114,8 @@ const EPS: [f64; 3] = [1e-3, 5e-4, 2e-4];
 const COLD_EPS: f64 = 5e-4;
 /// Depth, relative to the probe's radius, up to which regions may be missed: 2 EPS, for EPS = 0.05 %.
 const MIN_REGION_DEPTH: f64 = 1e-3;
+/// Largest error of depths that is asked for: EPS, relative to the probe's radius.
+const MAX_DEPTH_ERROR: f64 = 5e-4;
 /// Force relative to the mean below which directions do not count.
 const MIN_FORCE: f64 = 0.1;
 
@@ -121,6 +127,8 @@ struct Row {
     built: Option<f64>,
     times: Vec<f64>,
     contacts: Vec<f64>,
+    /// Depth of the deepest contact at every pose, m, with the error that the method says it has.
+    path: Vec<(f64, Option<f64>)>,
     /// Forces at the scored poses by the area law, in units of the stiffness.
     forces: Vec<DVec3>,
     /// Depths at the scored poses, m.
@@ -136,6 +144,7 @@ impl Row {
             built,
             times: Vec::new(),
             contacts: Vec::new(),
+            path: Vec::new(),
             forces: Vec::new(),
             depths: Vec::new(),
             missed: 0,
@@ -162,6 +171,8 @@ impl Row {
             self.method.append_contacts(pose, &mut found);
             self.times.push(time);
             self.contacts.push(found.len() as f64);
+            let deepest = found.iter().map(|found| found.contact.depth).fold(0.0, f64::max);
+            self.path.push((deepest, self.method.error()));
             if let Some(truth) = truth {
                 self.score(&found, pose, truth, reference, scenario);
             }
@@ -195,7 +206,34 @@ impl Row {
             .count();
     }
 
-    fn figures(&self, truths: &[&Truth], radius: f64) -> Figures {
+    /// Compares the depths along the path with true ones, m.
+    fn path_figures(&self, truths: &[f64], radius: f64) -> Option<PathFigures> {
+        let poses = || self.path.iter().zip(truths);
+        let off: Vec<f64> = poses().map(|((found, _), deepest)| (found - deepest).abs() / radius).collect();
+        if std::env::var("WORST").is_ok() {
+            for (i, ((f, _), d)) in poses().enumerate() {
+                if (f - d).abs() > 4e-4 * radius {
+                    println!("W {i} found {:.4} true {:.4}", 100.0 * f / radius, 100.0 * d / radius);
+                }
+            }
+        }
+        let is_wrong =
+            |limit: f64| poses().filter(|((found, _), deepest)| (found - **deepest).abs() > limit).count();
+        let beyond = poses().filter(|((found, error), deepest)| {
+            error.is_some_and(|error| **deepest > 0.0 && (found - **deepest).abs() > error)
+        });
+        (!truths.is_empty()).then(|| PathFigures {
+            depth_error_p95: quantile(&off, 0.95),
+            depth_error_max: quantile(&off, 1.0),
+            poses_off: is_wrong(MAX_DEPTH_ERROR * radius),
+            poses_missed: poses()
+                .filter(|((found, _), deepest)| *found == 0.0 && **deepest > MIN_REGION_DEPTH * radius)
+                .count(),
+            poses_beyond_error: beyond.count(),
+        })
+    }
+
+    fn figures(&self, (truths, path): (&[&Truth], &[f64]), radius: f64) -> Figures {
         let truth: Vec<f64> = truths.iter().map(|truth| truth.wrench.force.length()).collect();
         let average = mean(truth.iter().copied());
         let pairs = || self.forces.iter().zip(truths).map(|(force, truth)| (*force, truth.wrench.force));
@@ -218,6 +256,7 @@ impl Row {
             name: self.name.clone(),
             median_us: quantile(&self.times, 0.5),
             p99_us: quantile(&self.times, 0.99),
+            max_us: quantile(&self.times, 1.0),
             contacts_median: quantile(&self.contacts, 0.5),
             memory_bytes: self.method.bytes(),
             build_s: self.built,
@@ -227,6 +266,7 @@ impl Row {
             correlation: correlation(&own, &truth),
             depth_error_max: depths.fold(0.0, f64::max),
             regions_missed: self.missed,
+            path: self.path_figures(path, radius),
         }
     }
 }
@@ -237,6 +277,7 @@ struct Figures {
     name: String,
     median_us: f64,
     p99_us: f64,
+    max_us: f64,
     contacts_median: f64,
     memory_bytes: usize,
     build_s: Option<f64>,
@@ -246,6 +287,22 @@ struct Figures {
     correlation: f64,
     depth_error_max: f64,
     regions_missed: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    path: Option<PathFigures>,
+}
+
+/// Comparison with the deepest place of either surface at every pose. Errors are relative to the probe's
+/// radius.
+#[derive(Serialize)]
+struct PathFigures {
+    depth_error_p95: f64,
+    depth_error_max: f64,
+    /// Poses with a larger error than [`MAX_DEPTH_ERROR`].
+    poses_off: usize,
+    /// Poses deeper than [`MIN_REGION_DEPTH`] without a penetrating contact.
+    poses_missed: usize,
+    /// Poses with a larger error than the method says.
+    poses_beyond_error: usize,
 }
 
 /// Figures of a scenario.
@@ -440,6 +497,8 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<Comparison, Box
     let Scenario { name, probe, scene, poses, tolerance } = scenario;
     let radius = probe.object.bounding_radius();
     let mut reference = Reference::new(scenario)?;
+    let mut true_depths = if arguments.depths { Some(Depths::new(scenario)?) } else { None };
+    let mut depths = Vec::new();
     let mut rows = rows(scenario, arguments)?;
     if rows.is_empty() {
         return Err(format!("no method's name contains {}", arguments.method.join(" or ")).into());
@@ -465,6 +524,9 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<Comparison, Box
             row.run(poses, &own, &mut reference, scenario);
         }
         spent += begun.elapsed().as_secs_f64();
+        if let Some(truths) = &mut true_depths {
+            depths.extend(poses.iter().skip(1).map(|pose| truths.next(pose)));
+        }
         truths.extend(own.into_iter().flatten());
     }
     let truths: Vec<&Truth> = truths.iter().collect();
@@ -481,7 +543,7 @@ fn compare(scenario: &Scenario, arguments: &Arguments) -> Result<Comparison, Box
         radius,
         tolerance: *tolerance,
         regions: deep.count(),
-        methods: rows.iter().map(|row| row.figures(&truths, radius)).collect(),
+        methods: rows.iter().map(|row| row.figures((&truths, &depths), radius)).collect(),
     };
     print(&comparison, &truths, radius, [probe.short_name(), scene.short_name()]);
     Ok(comparison)
@@ -505,15 +567,16 @@ fn print(comparison: &Comparison, truths: &[&Truth], radius: f64, [probe, scene]
         100.0 * quantile(&depths, 1.0) / radius
     );
     println!(
-        "| method | query median, µs | p99 | contacts | MB | built in, s | force error mean, % | p95 | direction p95, ° | correlation | depth off, % | missed |"
+        "| method | query median, µs | p99 | largest | contacts | MB | built in, s | force error mean, % | p95 | direction p95, ° | correlation | depth off, % | missed |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     for row in &comparison.methods {
         println!(
-            "| {} | {:.1} | {:.1} | {} | {:.1} | {} | {:.2} | {:.1} | {:.1} | {:.4} | {:.3} | {} |",
+            "| {} | {:.1} | {:.1} | {:.0} | {} | {:.1} | {} | {:.2} | {:.1} | {:.1} | {:.4} | {:.3} | {} |",
             row.name,
             row.median_us,
             row.p99_us,
+            row.max_us,
             row.contacts_median,
             row.memory_bytes as f64 / 1e6,
             row.build_s.map_or(String::new(), |seconds| format!("{seconds:.2}")),
@@ -523,6 +586,24 @@ fn print(comparison: &Comparison, truths: &[&Truth], radius: f64, [probe, scene]
             row.correlation,
             100.0 * row.depth_error_max,
             row.regions_missed
+        );
+    }
+    println!();
+    if comparison.methods.iter().all(|row| row.path.is_none()) {
+        return;
+    }
+    println!(
+        "| method | depth off at every pose, p95, % | largest | poses off | missed | beyond the method's own error |"
+    );
+    println!("|---|---|---|---|---|---|");
+    for (name, path) in comparison.methods.iter().filter_map(|row| Some((&row.name, row.path.as_ref()?))) {
+        println!(
+            "| {name} | {:.3} | {:.3} | {} | {} | {} |",
+            100.0 * path.depth_error_p95,
+            100.0 * path.depth_error_max,
+            path.poses_off,
+            path.poses_missed,
+            path.poses_beyond_error
         );
     }
     println!();

@@ -224,6 +224,102 @@ impl Reference {
     }
 }
 
+/// The largest depth of any point of either surface along a path, by parry. A distance changes by no more
+/// than the way between two points, so that a triangle need not be cut up when its centroid, and as much as
+/// it reaches around that, is less deep than what was found.
+pub struct Depths {
+    sides: [Triangles; 2],
+    distances: [SignedDistance; 2],
+    /// Bounding sphere of the probe.
+    around: Sphere,
+    /// Largest distance that a point of the probe can have moved along the path, m.
+    travelled: f64,
+    last: Option<Pose>,
+    /// Largest error of depths, m.
+    error: f64,
+}
+
+struct Triangles {
+    corners: Vec<[DVec3; 3]>,
+    /// `travelled` until which each triangle is outside the other body; 0 if it was not when it was measured.
+    outside_until: Vec<f64>,
+}
+
+/// Largest error of depths, relative to the probe's radius.
+const DEPTH_ERROR: f64 = 3e-5;
+
+impl Depths {
+    /// Prepares a scenario's bodies.
+    ///
+    /// # Errors
+    /// If parry refuses a mesh.
+    pub fn new(scenario: &Scenario) -> Result<Self, Box<dyn Error>> {
+        let Scenario { probe, scene, .. } = scenario;
+        let triangles = |body: &crate::scenarios::Body| {
+            let corners: Vec<_> = (0..body.mesh.triangles().len()).map(|t| body.mesh.corners(t)).collect();
+            Triangles { outside_until: vec![0.0; corners.len()], corners }
+        };
+        let around = probe.mesh.bounding_sphere();
+        Ok(Self {
+            sides: [triangles(probe), triangles(scene)],
+            distances: [SignedDistance::new(probe)?, SignedDistance::new(scene)?],
+            error: DEPTH_ERROR * around.radius,
+            around,
+            travelled: 0.0,
+            last: None,
+        })
+    }
+
+    /// Returns the largest depth at the path's next pose, m; 0 if the bodies are apart.
+    pub fn next(&mut self, pose: &Pose) -> f64 {
+        let last = self.last.replace(*pose).unwrap_or(*pose);
+        let turn = (last.rotation.inverse() * pose.rotation).to_scaled_axis().length();
+        let center = self.around.center;
+        self.travelled += pose.transform_point(center).distance(last.transform_point(center));
+        self.travelled += self.around.radius * turn;
+        let (travelled, error, mut deepest) = (self.travelled, self.error, 0.0);
+        for (side, triangles) in self.sides.iter_mut().enumerate() {
+            let other = &self.distances[1 - side];
+            let depth = |point: DVec3| -other.at(to_other(side, pose, point));
+            let each = triangles.corners.par_iter().zip(&mut triangles.outside_until);
+            let near: Vec<(f64, &[DVec3; 3])> = each
+                .filter(|(_, until)| **until <= travelled)
+                .map(|(corners, until)| {
+                    let Sphere { center, radius } = around(*corners);
+                    let bound = depth(center) + radius;
+                    *until = if bound < 0.0 { travelled - bound } else { 0.0 };
+                    (bound, corners)
+                })
+                .filter(|(bound, _)| *bound > 0.0)
+                .collect();
+            let corners = near.par_iter().flat_map_iter(|(_, corners)| corners.iter());
+            deepest = corners.map(|corner| depth(*corner)).reduce(|| deepest, f64::max);
+            let least = deepest + error;
+            let within = near.into_par_iter().filter(|(bound, _)| *bound > least);
+            deepest = within
+                .map(|(_, corners)| largest(*corners, least, error, &depth))
+                .reduce(|| deepest, f64::max);
+        }
+        deepest
+    }
+}
+
+/// Returns the largest depth in a triangle to within an error (m), if it is above a least one.
+fn largest(corners: [DVec3; 3], least: f64, error: f64, depth: &impl Fn(DVec3) -> f64) -> f64 {
+    let (mut found, mut stack) = (0.0_f64, vec![corners]);
+    while let Some([a, b, c]) = stack.pop() {
+        let Sphere { center, radius } = around([a, b, c]);
+        let own = depth(center);
+        found = found.max(own);
+        if own + radius <= least.max(found + error) {
+            continue;
+        }
+        let [ab, bc, ca] = [a.midpoint(b), b.midpoint(c), c.midpoint(a)];
+        stack.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+    }
+    found
+}
+
 /// Transforms a point of one body into the other's frame: side 0 is the probe, at a pose, and side 1 the
 /// scene object, at the origin.
 fn to_other(side: usize, pose: &Pose, point: DVec3) -> DVec3 {

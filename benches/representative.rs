@@ -43,6 +43,10 @@ impl Method for Representative {
         self.query.append_contacts(&self.probe, pose, found);
     }
 
+    fn error(&self) -> Option<f64> {
+        Some(self.outcome().error)
+    }
+
     fn bytes(&self) -> usize {
         self.probe.bytes() + self.scene.bytes() + self.query.bytes()
     }

@@ -86,6 +86,9 @@ enum Motion {
     Screwing {
         pressed: f64,
     },
+    /// Ball that comes from afar, passes the rim of its socket, is pressed against it, and turns about each
+    /// axis.
+    Seating,
 }
 
 /// Parameters of a probe that slides over an object.
@@ -114,7 +117,7 @@ impl Sliding {
     };
 }
 
-const SCENARIOS: [Entry; 14] = [
+const SCENARIOS: [Entry; 15] = [
     Entry {
         name: "ellipsoid",
         probe: "ellipsoid",
@@ -154,6 +157,12 @@ const SCENARIOS: [Entry; 14] = [
             turn: DVec3::new(0.1, 0.1, 0.05),
             pivot: Some(DVec3::ZERO),
         }),
+    },
+    Entry {
+        name: "ball-joint-turned",
+        probe: "ball-joint-ball",
+        scene: "ball-joint-socket",
+        motion: Motion::Seating,
     },
     Entry {
         name: "built-in-jaws",
@@ -267,6 +276,7 @@ pub fn open(name: &str) -> Result<Option<Scenario>, Box<dyn Error>> {
     let poses = match &entry.motion {
         Motion::Sliding(sliding) => sliding.path(&probe, &scene)?,
         Motion::Screwing { pressed } => screwing(*pressed),
+        Motion::Seating => seating()?,
         Motion::Recorded(file) => {
             let file = data_file(file);
             if !file.exists() {
@@ -350,6 +360,25 @@ fn screwing(pressed: f64) -> Vec<Pose> {
         Pose::new(DVec3::Z * height, DQuat::from_rotation_z(-TAU * turns))
     };
     (0..2000).map(pose).collect()
+}
+
+/// Returns the path of a ball into its socket, where it turns by up to 0.1 rad about each axis in turn.
+fn seating() -> Result<Vec<Pose>, Box<dyn Error>> {
+    let pressed = 1e-3 * DVec3::new(0.65, 0.0, 0.2);
+    let turned = |axis: DVec3| Pose::new(pressed, DQuat::from_scaled_axis(axis));
+    let mut keyframes = vec![
+        Keyframe { time: 0.0, pose: Pose::from_translation(-0.08 * DVec3::Z) },
+        Keyframe { time: 0.25, pose: Pose::IDENTITY },
+        Keyframe { time: 0.3, pose: Pose::from_translation(pressed) },
+    ];
+    let turns = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| 0.1 * axis);
+    let ends = turns.into_iter().flat_map(|turn| [turn, -turn, DVec3::ZERO]);
+    keyframes.extend(
+        ends.zip(1..)
+            .map(|(turn, step)| Keyframe { time: 0.3 + 0.7 / 9.0 * f64::from(step), pose: turned(turn) }),
+    );
+    let path = MotionPath::new(keyframes, Interpolation::Smooth)?;
+    Ok((0..POSES).map(|step| path.at(1e-3 * step as f64).pose).collect())
 }
 
 /// Returns the path of a file in the repository's `assets`, or else in the optional test data.

@@ -1,5 +1,7 @@
 //! Bodies prepared for queries.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 use palpate_core::TriMesh;
 use rand::rngs::SmallRng;
@@ -8,6 +10,7 @@ use rayon::prelude::*;
 
 use crate::bricks::DistanceField;
 use crate::exact::ExactDistance;
+use crate::features::FeatureMesh;
 use crate::format::{FormatError, Reader, Writer};
 use crate::samples::SurfaceSamples;
 
@@ -65,6 +68,8 @@ pub struct FieldBody {
     pub(crate) radius: f64,
     pub(crate) field: DistanceField,
     pub(crate) samples: SurfaceSamples,
+    /// The surface itself, on which the deepest places are measured.
+    pub(crate) features: Arc<FeatureMesh>,
     pub(crate) error: f64,
 }
 
@@ -75,6 +80,14 @@ impl FieldBody {
     /// If the mesh has no triangles, the tolerance is not finite and above 0, or the band is smaller than the
     /// tolerance.
     pub fn new(mesh: &TriMesh, options: &FieldOptions) -> Self {
+        Self::sharing(mesh, Arc::new(FeatureMesh::new(mesh)), options)
+    }
+
+    /// The same for a mesh with its linked features.
+    ///
+    /// # Panics
+    /// As [`new`](Self::new).
+    pub fn sharing(mesh: &TriMesh, features: Arc<FeatureMesh>, options: &FieldOptions) -> Self {
         let FieldOptions { tolerance, band, memory } = *options;
         let is_band = band.is_finite() && tolerance > 0.0 && band >= tolerance;
         assert!(is_band, "a tolerance of {tolerance} m and a band of {band} m");
@@ -82,7 +95,7 @@ impl FieldBody {
         let memory = memory as f64;
         let spacing =
             SurfaceSamples::spacing(area, (1.0 - FIELD_SHARE) * memory).max(MIN_SPACING * tolerance);
-        Self::with(mesh, options.lattice_of(mesh), (tolerance, band), spacing)
+        Self::made(mesh, features, options.lattice_of(mesh), (tolerance, band), spacing)
     }
 
     /// The [error](Self::error) of the body of a mesh, m, without preparing it.
@@ -96,15 +109,28 @@ impl FieldBody {
 
     /// Prepares the body of a mesh, with a lattice constant, a tolerance and a band, and a spacing of the
     /// finest samples (m).
-    pub(crate) fn with(mesh: &TriMesh, lattice: f64, (tolerance, band): (f64, f64), spacing: f64) -> Self {
-        let exact = ExactDistance::new(mesh);
+    fn made(
+        mesh: &TriMesh,
+        features: Arc<FeatureMesh>,
+        lattice: f64,
+        (tolerance, band): (f64, f64),
+        spacing: f64,
+    ) -> Self {
+        let exact = &features.exact;
         let sphere = mesh.bounding_sphere();
         let (field, samples) = rayon::join(
-            || DistanceField::new(mesh, &exact, lattice, band),
+            || DistanceField::new(mesh, exact, lattice, band),
             || SurfaceSamples::new(mesh, spacing),
         );
-        let error = error(mesh, &exact, (lattice, band), tolerance);
-        Self { center: sphere.center, radius: sphere.radius, field, samples, error }
+        let error = error(mesh, exact, (lattice, band), tolerance);
+        Self { center: sphere.center, radius: sphere.radius, field, samples, features, error }
+    }
+
+    /// The body of a mesh with a lattice constant, a tolerance and a band, and a spacing of the finest
+    /// samples (m).
+    #[cfg(test)]
+    pub(crate) fn with(mesh: &TriMesh, lattice: f64, bands: (f64, f64), spacing: f64) -> Self {
+        Self::made(mesh, Arc::new(FeatureMesh::new(mesh)), lattice, bands, spacing)
     }
 
     /// Largest error of depths in this body's field, m: the largest difference from exact distances at some
@@ -125,10 +151,10 @@ impl FieldBody {
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        self.field.bytes() + self.samples.bytes()
+        self.field.bytes() + self.samples.bytes() + self.features.bytes()
     }
 
-    /// Writes the body as bytes.
+    /// Writes the body as bytes, without the features of its mesh.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut writer = Writer(Vec::with_capacity(self.bytes()));
         writer.vec(self.center);
@@ -138,11 +164,11 @@ impl FieldBody {
         writer.finish()
     }
 
-    /// Reads the body that [`to_bytes`](Self::to_bytes) wrote.
+    /// Reads the body that [`to_bytes`](Self::to_bytes) wrote, of a mesh with these features.
     ///
     /// # Errors
     /// If the bytes are not those of a body, are damaged, or have another version of the format.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormatError> {
+    pub fn from_bytes(bytes: &[u8], features: Arc<FeatureMesh>) -> Result<Self, FormatError> {
         let mut reader = Reader::new(bytes)?;
         let body = Self {
             center: reader.vec()?,
@@ -150,6 +176,7 @@ impl FieldBody {
             error: reader.f64()?,
             field: DistanceField::read_from(&mut reader)?,
             samples: SurfaceSamples::read_from(&mut reader)?,
+            features,
         };
         reader.finish()?;
         Ok(body)

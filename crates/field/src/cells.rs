@@ -75,8 +75,12 @@ impl Cell {
     }
 }
 
+/// δ + d, in tolerances, beyond which samples are candidates for the deepest. With more, what is inside only
+/// between samples is missed; with less, there are more candidates.
+const NEARLY_INSIDE: f32 = 0.6;
+
 /// Number of parts of a cube's edge; the deepest sample of each part of a cube is kept.
-const PARTS: u32 = 4;
+const PARTS: u32 = 6;
 
 /// The cells that hold contacts.
 #[derive(Clone, Debug)]
@@ -90,7 +94,7 @@ pub struct Cells {
     per_unit: f32,
     /// Places in `deepest`, by part.
     parts: Index,
-    /// The deepest sample of each part in which bodies penetrate, with the part.
+    /// The deepest sample of each part in which bodies penetrate, or nearly, with the part.
     deepest: Vec<(u32, ContactSample)>,
 }
 
@@ -116,8 +120,8 @@ impl Cells {
         self.contacts = 0;
     }
 
-    /// Adds a sample where the bodies penetrate to the candidates for the deepest of its part.
-    fn penetrate(&mut self, touch: &ContactSample) {
+    /// Adds a sample to the candidates for the deepest of its part.
+    fn propose(&mut self, touch: &ContactSample) {
         let across = PARTS * self.across;
         // Relative to the centre of the probe, which is at a corner of cubes.
         let at = (touch.point * self.per_unit + (across / 2) as f32).to_array();
@@ -175,30 +179,26 @@ impl Cells {
         if touch.reach > cell.deepest.reach {
             cell.deepest = *touch;
         }
-        if touch.reach > 1.0 {
-            self.penetrate(touch);
+        if touch.reach > NEARLY_INSIDE {
+            self.propose(touch);
         }
     }
 
-    /// The deepest samples of the parts of cubes in which bodies penetrate.
+    /// The deepest samples of the parts of cubes in which bodies penetrate, or nearly.
     pub fn deepest(&self) -> impl Iterator<Item = &ContactSample> {
         self.deepest.iter().map(|(_, touch)| touch)
     }
 
-    /// Keeps only the `most` deepest of the deepest samples of parts; returns them, the `first` deepest
-    /// before the others. No more samples can be added then.
-    pub fn keep_deepest(&mut self, most: usize, first: usize) -> impl Iterator<Item = &mut ContactSample> {
-        let order = |a: &(u32, ContactSample), b: &(u32, ContactSample)| {
-            b.1.reach.total_cmp(&a.1.reach).then_with(|| a.0.cmp(&b.0))
-        };
-        if most < self.deepest.len() {
-            self.deepest.select_nth_unstable_by(most, order);
-            self.deepest.truncate(most);
-        }
-        if first < self.deepest.len() {
-            self.deepest.select_nth_unstable_by(first, order);
-        }
-        self.deepest.iter_mut().map(|(_, touch)| touch)
+    /// Keeps only the `most` deepest of the deepest samples of parts, the deepest first. No more samples can
+    /// be added then.
+    pub fn keep_deepest(&mut self, most: usize) {
+        self.deepest.sort_unstable_by(|a, b| b.1.reach.total_cmp(&a.1.reach).then_with(|| a.0.cmp(&b.0)));
+        self.deepest.truncate(most);
+    }
+
+    /// Edge of a part of a cube, m.
+    pub fn part(&self) -> f32 {
+        1.0 / self.per_unit
     }
 
     /// Joins cells of neighbouring cubes with the same direction until there are at most `most`, or one a

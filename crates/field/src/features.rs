@@ -32,6 +32,14 @@ const MIN_SLOPE: f64 = 1e-3;
 /// coarsely; with less, single precision is too coarse.
 const MIN_STEP: f64 = 1e-6;
 
+/// Difference of a rise from that of a parabola with the same slopes at both ends, in the difference between
+/// these, up to which a distance bends evenly. With more, points take longer to kinks; with less, to minima
+/// over faces and vertices.
+const EVEN: f64 = 0.05;
+
+/// Share of a way that is tried where the distance is not convex.
+const SHORTER: f64 = 0.25;
+
 /// Distance below which the direction from a point of an edge or vertex is rounding, as a fraction of the
 /// largest distance of a vertex from the mesh's origin. With less, contacts at touching edges push sideways.
 const MIN_DIRECTED: f64 = 1e-10;
@@ -55,7 +63,7 @@ pub struct FeatureMesh {
     edges_around: Lists,
     /// Unit vectors along the entries of `edges_around`, away from the vertex.
     outgoing: Vec<DVec3>,
-    exact: ExactDistance,
+    pub(crate) exact: ExactDistance,
     tree: FeatureTree,
     is_closed: bool,
     /// Lower and upper bounds, m, and half of their diagonal.
@@ -157,6 +165,20 @@ impl Leash {
         let home = self.home.lerp(other.home, (length - a) / away);
         Self { home, length: (length as f32).next_up() }
     }
+}
+
+/// Share of a way to a place that is no nearer to another surface at which it is nearest, above 0 and below
+/// 1. `risen` is how much further away the place is, `slope` and `beyond` the changes of the distance that
+/// its gradients at the beginning and at the end make along the way, all in the same unit.
+///
+/// The distance is above its tangents at both ends. With a kink, as over another edge, it is least where
+/// these meet; where it bends evenly, as over a face, where its slope is 0.
+pub fn lowest_share(risen: f64, [slope, beyond]: [f64; 2]) -> f64 {
+    let is_even = (risen - 0.5 * (slope + beyond)).abs() < EVEN * (beyond - slope);
+    // The end of the way is no lower, so that a parabola's lowest place is at most halfway.
+    let share =
+        if is_even { (slope / (slope - beyond)).min(0.5) } else { (risen - beyond) / (slope - beyond) };
+    if beyond > 0.0 && share > 0.0 && share < 1.0 { share } else { SHORTER }
 }
 
 /// Whether a place leaves a vertex along a slope.
@@ -569,7 +591,12 @@ impl FeatureMesh {
 
     /// The place on vertices and edges nearest to a point of the surface, m.
     pub fn place_near(&self, p: DVec3) -> Place {
-        self.place_on(&self.faces[self.exact.nearest(p, 0).triangle as usize].edges, p)
+        self.place_beside(self.exact.nearest(p, 0).triangle, p)
+    }
+
+    /// The place on the vertices and edges of a face nearest to a point, m.
+    pub fn place_beside(&self, face: u32, p: DVec3) -> Place {
+        self.place_on(&self.faces[face as usize].edges, p)
     }
 
     /// The place on edges nearest to a point, m.
@@ -588,6 +615,23 @@ impl FeatureMesh {
     /// The place of an edge at a fraction of its length, 0 to 1.
     pub fn place_at(&self, edge: u32, at: f64) -> Place {
         self.on_edge(edge, at)
+    }
+
+    /// The vertices next to a vertex, or those at the ends of an edge.
+    pub fn vertices_beside(&self, place: Place) -> impl Iterator<Item = u32> {
+        let (around, ends): (&[u32], _) = match place {
+            Place::Vertex(vertex) => (self.edges_around.of(vertex), None),
+            Place::Edge(edge, _) => (&[], Some(self.edges[edge as usize])),
+        };
+        let of = match place {
+            Place::Vertex(vertex) => vertex,
+            Place::Edge(..) => NONE,
+        };
+        let across = around.iter().map(move |edge| {
+            let [a, b] = self.edges[*edge as usize];
+            if a == of { b } else { a }
+        });
+        across.chain(ends.into_iter().flatten())
     }
 
     /// Position of a place, m.

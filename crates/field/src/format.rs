@@ -173,8 +173,9 @@ mod tests {
             FieldOptions { memory: 500_000, ..FieldOptions::new(0.03 * mesh.bounding_sphere().radius) };
         let body = FieldBody::new(&mesh, &options);
         let bytes = body.to_bytes();
-        assert_eq!(FieldBody::from_bytes(&bytes).expect("whole").to_bytes(), bytes);
-        let refused = |bytes: &[u8]| FieldBody::from_bytes(bytes).expect_err("damaged");
+        assert_eq!(FieldBody::from_bytes(&bytes, body.features.clone()).expect("whole").to_bytes(), bytes);
+        let refused =
+            |bytes: &[u8]| FieldBody::from_bytes(bytes, body.features.clone()).expect_err("damaged");
         assert_eq!(refused(b""), FormatError::NotAField);
         assert_eq!(refused(&bytes[..bytes.len() - 1]), FormatError::Damaged);
         assert_eq!(refused(&[bytes.clone(), vec![0]].concat()), FormatError::Damaged);
@@ -191,7 +192,7 @@ mod tests {
             assert_eq!(refused(&other), FormatError::Damaged);
             let sum = crc32fast::hash(&other[HEADER_BYTES..]).to_le_bytes();
             other[HEADER_BYTES - 4..HEADER_BYTES].copy_from_slice(&sum);
-            if let Ok(read) = FieldBody::from_bytes(&other) {
+            if let Ok(read) = FieldBody::from_bytes(&other, body.features.clone()) {
                 assert_eq!(read.samples.count(), body.samples.count());
             }
         }

@@ -27,7 +27,9 @@ pub use area_law::{AreaContact, AreaLaw};
 pub use body::{FieldBody, FieldOptions};
 pub use bricks::DistanceField;
 pub use exact::{ExactDistance, Nearest};
-pub use features::{ClosestPoint, FeatureMesh, FeatureTree, Leash, MeshFeature, Node as FeatureNode, Place};
+pub use features::{
+    ClosestPoint, FeatureMesh, FeatureTree, Leash, MeshFeature, Node as FeatureNode, Place, lowest_share,
+};
 pub use format::FormatError;
 pub use query::{FieldOutcome, FieldQuery, FieldSettings};
 pub use samples::SurfaceSamples;

@@ -13,19 +13,16 @@ use wide::f32x4;
 use crate::area_law::AreaContact;
 use crate::body::FieldBody;
 use crate::cells::{Cell, Cells, ContactSample};
-use crate::deepest::deepest_around;
+use crate::deepest::{Bodies, DeepestPlaces, MAX_MEASUREMENTS, MAX_PLACES, Measured};
 use crate::front::{Front, MAX_SLOPE, NEAR_MARGIN, SLACK};
 use crate::selection::{Held, SelectedFour};
-use crate::selector::Selector;
+use crate::selector::{Limit, Selector};
 use crate::side::Side;
 use crate::slack::{changes, motion_bound};
 use crate::steady::Steady;
 
 /// Smallest weight of a cell that counts for the error, as a fraction of the largest.
 const MIN_COUNTED_WEIGHT: f32 = 0.1;
-
-/// Largest number of deepest places that are refined among the finest samples.
-const MAX_REFINED: usize = 8;
 
 /// Distance beyond the tolerance up to which samples are selected, as a fraction of it. A larger one makes
 /// selections hold longer, and read more samples.
@@ -53,6 +50,17 @@ const FADE_SHARE: f64 = 0.04;
 /// speed the force changes more by the motion than from one selection to the next.
 const MIN_FADE: f64 = 4.0;
 
+/// Default of the largest work of a query. With more, queries take longer where bodies are fast; with less,
+/// forces there are less accurate.
+const MAX_EFFORT: usize = 1500;
+
+/// The same for the first query and after a leap, in efforts of others: these are to be accurate, though they
+/// take longer.
+const FIRST_EFFORT: usize = 32;
+
+/// Smallest motion from one query to the next that is a leap, in motions for which a selection holds.
+const MIN_LEAP: f64 = 4.0;
+
 /// Rounding of bounds in single precision, as a fraction of them.
 const ROUNDING: f64 = 1e-5;
 
@@ -68,6 +76,10 @@ pub struct FieldSettings {
     /// Largest number of contacts reported, at least 16. If there are more, those of neighbouring cells are
     /// joined.
     pub max_contacts: usize,
+    /// Largest work of a query on choosing samples, in units of about one reading of a sample. What would
+    /// take longer is left to the next queries: until then, there are fewer samples, and the error is
+    /// larger. The first query and those after a leap may take 32 times as long.
+    pub effort: usize,
     /// Time limit of a query, if there is one: samples for which there is no time are left out, the finest
     /// first.
     pub budget: Option<Duration>,
@@ -77,7 +89,7 @@ impl FieldSettings {
     /// Settings for at most 256 contacts within a tolerance (d, m), to an error of 5 % of it, without a time
     /// limit.
     pub fn new(tolerance: f64) -> Self {
-        Self { tolerance, error: 0.05 * tolerance, max_contacts: 256, budget: None }
+        Self { tolerance, error: 0.05 * tolerance, max_contacts: 256, effort: MAX_EFFORT, budget: None }
     }
 
     /// Number of samples in contact needed around a place: depths have a standard deviation of about half the
@@ -95,7 +107,7 @@ pub struct FieldOutcome {
     /// [error](FieldBody::error) plus the largest standard error of a cell with at least a tenth of the
     /// largest weight. 0 without contacts.
     pub error: f64,
-    /// Whether all samples needed were read; false if the budget ended the query.
+    /// Whether all samples needed were read; false if there was no work or time left for the finest.
     pub is_complete: bool,
     /// Whether a sample is deeper than the fields' band, so that it pushes by less than its depth.
     pub is_too_deep: bool,
@@ -130,6 +142,7 @@ pub struct FieldQuery {
     /// The pose of the last query, probe to scene object.
     last: Option<Pose>,
     cells: Cells,
+    deepest: DeepestPlaces,
     /// Edge of a cube, m.
     edge: f64,
     outcome: FieldOutcome,
@@ -180,6 +193,7 @@ impl FieldQuery {
             rates: [0.0; 2],
             last: None,
             cells: Cells::new(across, edge * probe.radius),
+            deepest: DeepestPlaces::default(),
             edge: edge * probe.radius,
             outcome: FieldOutcome::default(),
         }
@@ -193,11 +207,18 @@ impl FieldQuery {
         self.part = 0.0;
         self.rates = [0.0; 2];
         self.last = None;
+        self.deepest.clear();
     }
 
     /// Results and cost of the last query.
     pub fn outcome(&self) -> FieldOutcome {
         self.outcome
+    }
+
+    /// The deepest samples by the fields alone.
+    #[cfg(test)]
+    pub(crate) fn samples(&self) -> impl Iterator<Item = &ContactSample> {
+        self.cells.deepest().chain(self.cells.iter().map(|cell| &cell.deepest))
     }
 
     /// Bytes of memory held.
@@ -218,7 +239,8 @@ impl FieldQuery {
         scene_pose: &Pose,
         settings: &FieldSettings,
     ) {
-        let limit = settings.budget.map(|budget| (Instant::now(), budget));
+        let time = settings.budget.map(|budget| (Instant::now(), budget));
+        let limit = Limit { effort: settings.effort, time };
         let purpose = Purpose::new(settings, probe, scene);
         if self.purpose != purpose {
             self.purpose = purpose;
@@ -236,7 +258,8 @@ impl FieldQuery {
             self.select(probe, scene, &motion, limit);
             self.evaluate(&sides);
         }
-        self.bound(settings.max_contacts, &sides);
+        self.bound(settings.max_contacts);
+        self.measure((probe, scene), &motion, &sides);
         self.conclude(probe, scene);
     }
 
@@ -280,14 +303,13 @@ impl FieldQuery {
         self.held.changes.is_some_and(|[nearer, _]| nearer > self.purpose.changeable)
     }
 
+    /// How many times the work of other queries this one may take.
+    fn factor(&self, motion: &Steady) -> usize {
+        if motion.step < MIN_LEAP * self.purpose.allowed { 1 } else { FIRST_EFFORT }
+    }
+
     /// Ensures that there is a selection that holds at the present pose.
-    fn select(
-        &mut self,
-        probe: &FieldBody,
-        scene: &FieldBody,
-        motion: &Steady,
-        limit: Option<(Instant, Duration)>,
-    ) {
+    fn select(&mut self, probe: &FieldBody, scene: &FieldBody, motion: &Steady, limit: Limit) {
         let Purpose { allowed, changeable, .. } = self.purpose;
         let to_scene = &motion.pose;
         // Fractions of the motion for which a selection holds: used up so far, and in each query.
@@ -300,35 +322,43 @@ impl FieldQuery {
         let [approach, recession] = self.rates;
         let lead = (LEAD / step).min(0.5 * changeable / recession).min(MAX_LEAD);
         let lead = if lead < LEAD || self.has_changed() { 0.0 } else { lead };
-        let is_complete = self.selector.is_complete();
         let apart = |from: &Pose| motion_bound(from, to_scene, probe.center, probe.radius);
-        let holds = moved <= 1.0 && !self.has_changed() && is_complete;
+        let holds = moved <= 1.0 && !self.has_changed();
         if holds {
-            // The next selection is made while this one holds, as late as its making and fading in allow.
+            // The next selection is made while this one holds, as late as its making and fading in allow; at
+            // once, if this one has too few samples.
             let steps = (TIME_SHARE * (1.0 + LEAD) / step).floor().clamp(1.0, MAX_SELECTION_QUERIES);
             if self.selector.pose().is_none() {
                 let then = 1.25 * steps + fades + 1.0;
-                if nearer + then * approach > changeable
+                if !self.held.is_complete
+                    || nearer + then * approach > changeable
                     || self.moved(&self.held, probe, scene, &motion.after(then)) > 1.0
                 {
                     self.begin(probe, scene, &motion.after(steps + lead));
                 }
             }
-            self.go_on(probe, scene, (self.effort as f64 / steps) as usize, limit);
+            let each = if self.held.is_complete { (self.effort as f64 / steps) as usize } else { usize::MAX };
+            self.go_on(probe, scene, each.min(limit.effort), limit.time);
         } else {
-            if !is_complete || self.selector.pose().is_none_or(|begun| apart(begun) >= allowed) {
-                let lead = if limit.is_none() { lead } else { 0.0 };
+            let left = self.effort.saturating_sub(self.selector.effort());
+            if left > limit.effort
+                || step >= MIN_LEAP
+                || self.selector.pose().is_none_or(|begun| apart(begun) >= allowed)
+            {
                 self.begin(probe, scene, &motion.after(lead));
             }
-            self.selector.limit(limit);
+            let effort = limit.effort.saturating_mul(self.factor(motion));
+            self.selector.limit(Limit { effort, ..limit });
             self.go_on(probe, scene, usize::MAX, None);
         }
         let is_nearer = |made: &Pose| apart(made) < self.held.at.as_ref().map_or(allowed, apart).min(allowed);
-        if self.selector.is_done() && (!holds || self.selector.pose().is_some_and(is_nearer)) {
-            self.effort = self.selector.effort();
+        let is_better = !holds || !self.held.is_complete || self.selector.pose().is_some_and(is_nearer);
+        if self.selector.is_done() && is_better {
+            let effort = self.selector.effort();
             std::mem::swap(&mut self.held, &mut self.fading);
             self.selector.finish(&mut self.held);
-            self.part = if fades > 0.0 && moved < 1.0 && is_complete { 1.0 } else { 0.0 };
+            self.effort = if self.held.is_complete { effort } else { effort.max(self.effort) };
+            self.part = if fades > 0.0 && moved < 1.0 { 1.0 } else { 0.0 };
             self.fade = (1.0 / fades, moved);
         }
         if self.part > 0.0 {
@@ -400,19 +430,31 @@ impl FieldQuery {
         ]
     }
 
-    /// Bounds the number of contacts, and refines the deepest of them among the finest samples.
-    fn bound(&mut self, most: usize, [own, other]: &[Side; 2]) {
+    /// Bounds the number of contacts.
+    fn bound(&mut self, most: usize) {
         self.cells.bound(most / 2, self.selector.across());
         let reported: usize = self.cells.iter().map(|cell| 1 + usize::from(!cell.penetrates())).sum();
-        for touch in self.cells.keep_deepest(most.saturating_sub(reported), MAX_REFINED).take(MAX_REFINED) {
-            *touch = deepest_around(if touch.is_probe { own } else { other }, touch);
-        }
+        self.cells.keep_deepest(most.saturating_sub(reported + MAX_PLACES));
+    }
+
+    /// Measures the deepest places on the meshes.
+    fn measure(&mut self, (probe, scene): (&FieldBody, &FieldBody), motion: &Steady, sides: &[Side<'_>; 2]) {
+        let part = self.cells.part();
+        let lengths = (self.purpose.tolerance, 2.0 * f64::from(part));
+        let measurements = MAX_MEASUREMENTS * self.factor(motion) as u32;
+        let bodies = Bodies::new([probe, scene], &motion.pose, lengths, measurements);
+        self.deepest.measure(
+            self.cells.deepest(),
+            &bodies,
+            sides,
+            (0.5 * part, probe.error.max(scene.error)),
+        );
     }
 
     /// Sets the outcome's error and counts.
     fn conclude(&mut self, probe: &FieldBody, scene: &FieldBody) {
         self.outcome.contacts = self.cells.contacts();
-        self.outcome.is_complete = self.selector.is_complete();
+        self.outcome.is_complete = self.held.is_complete;
         let Purpose { tolerance, .. } = self.purpose;
         let strongest = self.cells.iter().map(|cell| cell.weight).fold(0.0, f32::max);
         let counted = self.cells.iter().filter(|cell| cell.weight > MIN_COUNTED_WEIGHT * strongest);
@@ -438,6 +480,7 @@ impl FieldQuery {
                 area,
             }
         };
+        let depth = |reach: f64| (reach - 1.0) * tolerance;
         for cell in self.cells.iter() {
             let pressure = f64::from(cell.pressure);
             // In double precision: in single precision, squares of contacts that barely touch would
@@ -446,7 +489,6 @@ impl FieldQuery {
             if !(reach > 0.0 && reach.is_finite()) {
                 continue;
             }
-            let depth = |reach: f64| (reach - 1.0) * tolerance;
             into.push(place(
                 cell.moment / cell.weight,
                 cell.push,
@@ -458,8 +500,15 @@ impl FieldQuery {
                 into.push(place(point, normal, depth(f64::from(reach)), 0.0));
             }
         }
-        for touch in self.cells.deepest() {
-            into.push(place(touch.point, touch.normal, (f64::from(touch.reach) - 1.0) * tolerance, 0.0));
+        for Measured { point, normal, depth } in self.deepest.iter() {
+            into.push(place(*point, *normal, *depth, 0.0));
+        }
+        let deepest = if self.deepest.is_known() { self.deepest.deepest() } else { f64::INFINITY };
+        let measured = |touch: &&ContactSample| !self.deepest.covers(touch.point, self.cells.part());
+        for touch in self.cells.deepest().filter(|touch| touch.reach > 1.0).filter(measured) {
+            // The places that were not measured are not the deepest.
+            let depth = depth(f64::from(touch.reach)).min(deepest);
+            into.push(place(touch.point, touch.normal, depth, 0.0));
         }
     }
 }
@@ -545,7 +594,7 @@ mod tests {
             let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 0.2, 1.0) * f64::from(step));
             // From apart to deep inside.
             let pose = Pose::new(turn * DVec3::X * (2.02 - 0.06 * f64::from(step)), turn);
-            let settings = FieldSettings { error: 1e-9 * d, ..FieldSettings::new(d) };
+            let settings = FieldSettings { error: 1e-9 * d, effort: usize::MAX, ..FieldSettings::new(d) };
             query.run(&body, &body, &pose, &Pose::IDENTITY, &settings);
             let mut all = 0;
             for (to_field, is_probe) in [(pose, true), (pose.inverse(), false)] {
@@ -641,7 +690,7 @@ mod tests {
         let d = 0.01;
         let body = FieldBody::with(&ball(1.0, 4), 0.01, (d, 2.0 * d), 0.02);
         // All samples are to be read.
-        let settings = FieldSettings { error: 1e-9 * d, ..FieldSettings::new(d) };
+        let settings = FieldSettings { error: 1e-9 * d, effort: usize::MAX, ..FieldSettings::new(d) };
         let (mut found, mut kept) = (0, 0);
         for (speed, across) in [(1e-3, 1.0), (3e-3, 1.0), (1e-2, 0.0), (3e-2, 0.0), (0.1, 0.0)] {
             let mut query = FieldQuery::new(&body, &body, REACH);
@@ -762,6 +811,40 @@ mod tests {
         assert!(cut.contacts > 0 && cut.contacts < whole.contacts / 4, "{cut:?} {whole:?}");
         assert!(cut.error > 1.5 * whole.error, "{cut:?} {whole:?}");
         assert!(run(Some(Duration::from_secs(3600))).is_complete);
+    }
+
+    #[test]
+    fn fast_bodies_take_no_more_work_and_resting_ones_are_refined() {
+        let (d, effort) = (0.01, 1000);
+        let body = FieldBody::with(&ball(1.0, 5), 0.01, (d, 2.0 * d), 0.005);
+        let run = |effort: usize| {
+            let mut query = FieldQuery::new(&body, &body, REACH);
+            let settings = FieldSettings { effort, error: 0.01 * d, ..FieldSettings::new(d) };
+            // By half of the tolerance in each query, on the other ball, and then at rest for as long as one
+            // selection fades into the next.
+            let (mut most, mut coarse, mut outcomes) = (0, 0, Vec::new());
+            for step in 0..220 {
+                let angle = 0.5 * d * f64::from(step.min(100));
+                let pose = Pose::from_translation(1.99 * DVec3::new(angle.cos(), angle.sin(), 0.0));
+                query.run(&body, &body, &pose, &Pose::IDENTITY, &settings);
+                let outcome = query.outcome();
+                if step > 0 {
+                    most = most.max(outcome.spheres + outcome.samples - query.held.len());
+                    coarse += usize::from(!outcome.is_complete);
+                }
+                outcomes.push(outcome);
+            }
+            (most, coarse, outcomes)
+        };
+        let (most, coarse, bounded) = run(effort);
+        assert!(coarse > 50, "{coarse} queries had too few samples");
+        // A level of samples is ended before twice the work, and one of spheres is as large again.
+        assert!(most < 4 * effort, "{most} readings");
+        let (unbounded, none, whole) = run(usize::MAX);
+        assert!(none == 0 && unbounded > 8 * effort, "{none} were coarse, {unbounded} readings");
+        let (last, wanted) = (bounded[219], whole[219]);
+        assert!(last.is_complete && last.error < 1.2 * wanted.error, "{last:?} for {wanted:?}");
+        assert!(bounded[90].error > 1.5 * last.error, "{:?}, and {last:?} at rest", bounded[90]);
     }
 
     #[test]

@@ -90,13 +90,15 @@ pub struct Held {
     pub sides: [Selection; 2],
     /// The pose of selection, probe to scene object; `None` if there is no selection.
     pub at: Option<Pose>,
+    /// Whether all samples needed were selected; false if a limit ended the selection.
+    pub is_complete: bool,
     /// Largest approach and largest recession of a sample since selection, at the last reading, m.
     pub changes: Option<[f64; 2]>,
 }
 
 impl Held {
     pub fn new() -> Self {
-        Self { sides: [0; 2].map(|_| Selection::new()), at: None, changes: None }
+        Self { sides: [0; 2].map(|_| Selection::new()), at: None, is_complete: true, changes: None }
     }
 
     /// Number of samples of both sides.

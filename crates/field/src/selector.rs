@@ -25,6 +25,15 @@ enum Stage {
     Descent(usize),
 }
 
+/// What a selection may take from now until it has to be finished.
+#[derive(Clone, Copy, Debug)]
+pub struct Limit {
+    /// Work, as that of [`Selector::effort`].
+    pub effort: usize,
+    /// Start and length of the time, if that is limited.
+    pub time: Option<(Instant, Duration)>,
+}
+
 /// A maker of selections, from the coarsest samples to the finest, in steps.
 #[derive(Clone, Debug)]
 pub struct Selector {
@@ -36,10 +45,9 @@ pub struct Selector {
     level: usize,
     stage: Stage,
     is_done: bool,
-    /// Start and length of the time limit, if there is one.
-    limit: Option<(Instant, Duration)>,
-    /// Time from that start to the end of the last level.
-    last: Duration,
+    limit: Option<Limit>,
+    /// Work that had been done when the limit was set.
+    limited_at: usize,
     is_complete: bool,
     selections: [Selection; 2],
 }
@@ -55,7 +63,7 @@ impl Selector {
             stage: Stage::First(0),
             is_done: false,
             limit: None,
-            last: Duration::ZERO,
+            limited_at: 0,
             is_complete: true,
             selections: [0; 2].map(|_| Selection::new()),
         }
@@ -91,10 +99,19 @@ impl Selector {
         (self.limit, self.is_complete) = (None, true);
     }
 
-    /// Sets a time limit, its start and length, on the selection in progress: it leaves out the finest
-    /// samples for which there is no time.
-    pub fn limit(&mut self, limit: Option<(Instant, Duration)>) {
-        (self.limit, self.last) = (limit, Duration::ZERO);
+    /// Limits the selection in progress: it leaves out the finest samples beyond that.
+    pub fn limit(&mut self, limit: Limit) {
+        (self.limit, self.limited_at) = (Some(limit), self.effort());
+    }
+
+    /// Whether the limit is too near for the next level of samples, which takes about as long as all before
+    /// it.
+    fn is_at_limit(&self) -> bool {
+        let effort = self.effort();
+        self.limit.is_some_and(|Limit { effort: limit, time }| {
+            2 * effort - self.limited_at > limit
+                || time.is_some_and(|(begun, length)| 2 * begun.elapsed() > length)
+        })
     }
 
     /// Advances the selection in progress by a step, with the same sides and reach (m) as it began with.
@@ -158,6 +175,7 @@ impl Selector {
 
     /// Sets the weights of the samples of a level, and selects them.
     fn end_level(&mut self, sides: &[Side; 2], needed: f32) {
+        let is_at_limit = self.is_at_limit();
         let Self { fronts, sampling, level, .. } = self;
         let level = *level;
         for (front, side) in fronts.iter().zip(sides).filter(|(_, side)| level < side.samples.levels.len()) {
@@ -168,13 +186,8 @@ impl Selector {
         } else {
             sampling.end();
         }
-        if let Some((begun, budget)) = self.limit.filter(|_| level > 0) {
-            // The next level takes about as long as all before it.
-            let spent = begun.elapsed();
-            if spent + spent.saturating_sub(self.last) > budget {
-                self.is_complete = sampling.end();
-            }
-            self.last = spent;
+        if level > 0 && is_at_limit {
+            self.is_complete = sampling.end();
         }
         let fronts = fronts.iter_mut().zip(sides).zip(&mut self.selections);
         for ((front, side), selection) in fronts {
@@ -192,6 +205,7 @@ impl Selector {
     pub fn finish(&mut self, to: &mut Held) {
         std::mem::swap(&mut self.selections, &mut to.sides);
         to.at = self.pose.take();
+        to.is_complete = self.is_complete;
         self.is_done = false;
         to.changes = None;
     }
@@ -199,11 +213,6 @@ impl Selector {
     /// Whether a selection is finished and waits for [`finish`](Self::finish).
     pub fn is_done(&self) -> bool {
         self.is_done
-    }
-
-    /// Whether all samples needed were selected; false if the time limit ended the selection.
-    pub fn is_complete(&self) -> bool {
-        self.is_complete
     }
 
     /// Numbers of readings of spheres and of samples for the selection in progress.

@@ -76,7 +76,7 @@ struct PoseEntry {
 struct Reached {
     /// Error of depths, m.
     eps: f64,
-    /// Whether the time was enough for all samples.
+    /// Whether all samples were read.
     complete: bool,
     /// Whether the objects penetrate deeper than the fields' distances reach.
     too_deep: bool,

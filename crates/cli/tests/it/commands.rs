@@ -880,7 +880,13 @@ fn representative_contacts_are_reported_with_their_areas() {
     assert_eq!(keys(&found["poses"][0]), and(keys(&exact["poses"][0]), &["eps", "complete", "too_deep"]));
     let eps = found["summary"]["eps"].as_f64().unwrap();
     assert!(eps > 0.0 && eps < 0.02 * radius, "{eps}");
-    assert!(found["poses"].as_array().unwrap().iter().all(|pose| pose["complete"] == true));
+    // From scratch all samples are read; from pose to pose those that there is work for, while it comes near.
+    let complete = |replay: &Value| {
+        let poses = replay["poses"].as_array().unwrap().iter();
+        poses.filter(|pose| pose["complete"] == true).count()
+    };
+    assert_eq!(complete(&replayed(&["--representative", "0.2%", "--cold"])), 21);
+    assert!(complete(&found) > 5, "{} complete queries", complete(&found));
     // One microsecond is not enough, which is reported; there are still forces.
     let hurried = replayed(&["--representative", "0.2%", "--budget-us", "1"]);
     let poses =

@@ -8,7 +8,7 @@ pub(crate) use touching_features::OVERLAP;
 
 use palpate_core::Pose;
 use palpate_core::glam::{DAffine3, DVec3};
-use palpate_field::{ClosestPoint, FeatureMesh, Leash, MeshFeature, Place};
+use palpate_field::{ClosestPoint, FeatureMesh, Leash, MeshFeature, Place, lowest_share};
 
 /// Largest number of moves that a point tries in a measurement. With more, a step takes longer; with fewer,
 /// points follow fast motion late.
@@ -21,15 +21,8 @@ const MAX_SETTLING_MOVES: u32 = 32;
 /// known of how far from the other surface it is.
 const MAX_FIRST_MOVES: u32 = 256;
 
-/// Factors on that fraction after a move that leads down, and after one that does not where the distance is
-/// not convex.
+/// Factor on that fraction after a move that leads down.
 const LONGER: f32 = 4.0;
-const SHORTER: f64 = 0.25;
-
-/// Difference of a rise from that of a parabola with the same slopes at both ends, in the difference between
-/// these, up to which a distance bends evenly. With more, points take longer to kinks; with less, to minima
-/// over faces and vertices.
-const EVEN: f64 = 0.05;
 
 /// Smallest gain in distance for which a point moves, as a fraction of the size of the body in the hand. With
 /// less, rounding moves it.
@@ -479,8 +472,6 @@ impl GuardedPoint {
     }
 
     /// The share to try of a way (m) to a place that is no lower; `None` if nothing lower is expected there.
-    /// Along an edge the distance is above its tangents at both ends of the way. With a kink, as over another
-    /// edge, it is lowest where these meet; where it bends evenly, as over a face, where its slope is 0.
     fn share(
         &self,
         to: &Place,
@@ -493,14 +484,9 @@ impl GuardedPoint {
             // Ways across a face have no share.
             return None;
         }
-        let [slope, beyond] = normals.map(|normal| normal.dot(way));
-        let risen = after.distance - before.distance;
-        let is_even = (risen - 0.5 * (slope + beyond)).abs() < EVEN * (beyond - slope);
-        // The end of the way is no lower, so that a parabola's lowest place is at most halfway.
-        let share =
-            if is_even { (slope / (slope - beyond)).min(0.5) } else { (risen - beyond) / (slope - beyond) };
-        let share = if beyond > 0.0 && share > 0.0 && share < 1.0 { share } else { SHORTER };
-        (-slope * share > min_descent).then_some(share as f32)
+        let slopes = normals.map(|normal| normal.dot(way));
+        let share = lowest_share(after.distance - before.distance, slopes);
+        (-slopes[0] * share > min_descent).then_some(share as f32)
     }
 
     pub fn leash(&self) -> &Leash {

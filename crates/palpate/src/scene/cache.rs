@@ -6,10 +6,11 @@
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use palpate_clod_build::{BuildError, BuildOptions, REVISION, Stage};
 use palpate_core::{Clod, TriMesh};
-use palpate_field::FieldOptions;
+use palpate_field::{FeatureMesh, FieldOptions};
 
 use crate::scene::field::{FIELD_REVISION, Field};
 
@@ -55,13 +56,17 @@ fn hash_of(mesh: &TriMesh, options: &str) -> u64 {
 }
 
 /// Loads the distance field of `mesh` from the cache; `None` if it is not there.
-pub(crate) fn stored_field(mesh: &TriMesh, options: &FieldOptions) -> Option<Field> {
-    Field::from_bytes(&std::fs::read(path_of_field(mesh, options)?).ok()?)
+pub(crate) fn stored_field(
+    mesh: &TriMesh,
+    features: Arc<FeatureMesh>,
+    options: &FieldOptions,
+) -> Option<Field> {
+    Field::from_bytes(&std::fs::read(path_of_field(mesh, options)?).ok()?, features)
 }
 
 /// Makes the distance field of `mesh`, and stores it in the cache.
-pub(crate) fn make_field(mesh: &TriMesh, options: &FieldOptions) -> Field {
-    let field = Field::new(mesh, options);
+pub(crate) fn make_field(mesh: &TriMesh, features: Arc<FeatureMesh>, options: &FieldOptions) -> Field {
+    let field = Field::new(mesh, features, options);
     if let Some(path) = path_of_field(mesh, options) {
         store(&path, |partial| std::fs::write(partial, field.to_bytes()).is_ok());
     }

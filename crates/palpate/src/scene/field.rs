@@ -1,9 +1,13 @@
 //! Distance fields of objects, made by `palpate-field`, and contact queries between two of them.
 
+use std::sync::Arc;
+
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, TriMesh};
 pub(crate) use palpate_field::REVISION as FIELD_REVISION;
-use palpate_field::{AreaContact, FieldBody, FieldOptions, FieldOutcome, FieldQuery, FieldSettings};
+use palpate_field::{
+    AreaContact, FeatureMesh, FieldBody, FieldOptions, FieldOutcome, FieldQuery, FieldSettings,
+};
 
 use crate::scene::walls::thin_share;
 
@@ -99,8 +103,9 @@ pub(crate) fn check_place(name: &str, mesh: &TriMesh) -> Result<(), FieldError> 
 }
 
 impl Field {
-    pub(crate) fn new(mesh: &TriMesh, options: &FieldOptions) -> Self {
-        Self { body: FieldBody::new(mesh, options), thin: thin_share(mesh, options.tolerance) }
+    pub(crate) fn new(mesh: &TriMesh, features: Arc<FeatureMesh>, options: &FieldOptions) -> Self {
+        let body = FieldBody::sharing(mesh, features, options);
+        Self { body, thin: thin_share(mesh, options.tolerance) }
     }
 
     /// How well it stands for the object's surface.
@@ -131,10 +136,10 @@ impl Field {
     }
 
     /// Reads the output of [`to_bytes`](Self::to_bytes); `None` if the bytes are not valid.
-    pub(crate) fn from_bytes(bytes: &[u8]) -> Option<Self> {
+    pub(crate) fn from_bytes(bytes: &[u8], features: Arc<FeatureMesh>) -> Option<Self> {
         let (body, thin) = bytes.split_last_chunk()?;
         let thin = f64::from_le_bytes(*thin);
-        let body = FieldBody::from_bytes(body).ok()?;
+        let body = FieldBody::from_bytes(body, features).ok()?;
         (0.0..=1.0).contains(&thin).then_some(Self { body, thin })
     }
 }

@@ -344,9 +344,10 @@ impl Object {
         if let Some(known) = self.kept_field(&options) {
             return Ok(known);
         }
-        let mesh = self.solid()?;
+        let (mesh, features) = self.solid()?;
         // No lock is held while the field is made. Another thread may make the same field meanwhile.
-        let made = cache::stored_field(&mesh, &options).unwrap_or_else(|| cache::make_field(&mesh, &options));
+        let made = cache::stored_field(&mesh, features.clone(), &options)
+            .unwrap_or_else(|| cache::make_field(&mesh, features, &options));
         Ok(self.keep_field(options, made))
     }
 
@@ -363,8 +364,8 @@ impl Object {
         if let Some((_, known)) = all().iter().find(|(of, _)| of == options) {
             return Ok(*known);
         }
-        let mesh = self.solid()?;
-        if let Some(stored) = cache::stored_field(&mesh, options) {
+        let (mesh, features) = self.solid()?;
+        if let Some(stored) = cache::stored_field(&mesh, features, options) {
             return Ok(self.keep_field(*options, stored).fitness());
         }
         let found = Fitness::of(&mesh, options);
@@ -395,13 +396,14 @@ impl Object {
         made
     }
 
-    /// The surface at full resolution, if it has an inside.
-    fn solid(&self) -> Result<TriMesh, FieldError> {
+    /// The surface at full resolution, with its linked features, if it has an inside.
+    fn solid(&self) -> Result<(TriMesh, Arc<FeatureMesh>), FieldError> {
         // A hierarchy that was not built from a solid may still look closed, but its inside is not defined.
         let mesh = self.clod.source.solid.then(|| welded(self.triangles())).flatten();
-        let mesh = mesh.ok_or_else(|| FieldError::Open { name: self.name.clone() })?;
+        let known = mesh.zip(self.features());
+        let (mesh, features) = known.ok_or_else(|| FieldError::Open { name: self.name.clone() })?;
         check_place(&self.name, &mesh)?;
-        Ok(mesh)
+        Ok((mesh, features))
     }
 
     /// Scales the object about its frame's origin; `None` if the factor is not positive and finite, or too
@@ -527,12 +529,13 @@ mod tests {
         let options = FieldOptions { memory: 300_000, ..FieldOptions::new(tolerance) };
         let known = object.fitness(&options).expect("a closed surface");
         assert!(object.kept_field(&options).is_none(), "no field was made");
-        let made = Field::new(&object.solid().expect("a closed surface"), &options);
+        let (mesh, features) = object.solid().expect("a closed surface");
+        let made = Field::new(&mesh, features, &options);
         assert_eq!(made.fitness(), known);
         assert!(known.error > 0.0 && known.error < options.tolerance, "{known:?}");
 
         // Where positions are too coarse, there is no field to ask about.
-        let mesh = object.solid().expect("a closed surface");
+        let (mesh, _) = object.solid().expect("a closed surface");
         let moved = |away: f64| {
             let vertices = mesh.vertices().iter().map(|vertex| *vertex + DVec3::X * away).collect();
             TriMesh::new(vertices, mesh.triangles().to_vec()).expect("a mesh")

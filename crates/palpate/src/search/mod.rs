@@ -33,7 +33,6 @@ pub(crate) enum ByLevels {
     AskedFor,
     /// s₀ is above 0.
     Detail,
-    Budget,
     Texture,
     /// No field is read for constraints.
     Constraints,
@@ -60,7 +59,6 @@ impl fmt::Display for ByLevels {
         match self {
             Self::AskedFor => write!(f, "by the setting"),
             Self::Detail => write!(f, "detail is to be left out"),
-            Self::Budget => write!(f, "queries have a time limit"),
             Self::Texture => write!(f, "an object has a haptic texture"),
             Self::Constraints => write!(f, "constraints need no distance field"),
             Self::NoField(error) => write!(f, "{error}"),
@@ -109,7 +107,6 @@ pub(crate) fn choose(
         {
             Some(ByLevels::Detail)
         }
-        ContactSearch::Automatic if settings.detail.query_budget.is_some() => Some(ByLevels::Budget),
         _ => None,
     };
     if let Some(why) = why {
