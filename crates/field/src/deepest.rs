@@ -23,23 +23,24 @@ const NONE: u32 = u32::MAX;
 /// Largest number of places that are followed. With fewer, those of jaws are started again and again.
 pub const MAX_PLACES: usize = 32;
 
-/// Largest number of vertices around a place that it looks at.
+/// Largest number of vertices around a place that it looks at: those up to two edges away, of most meshes.
 const MAX_AROUND: usize = 24;
 
-/// Number of queries in which one place looks around.
+/// Number of queries in which one place looks around. With more, places stay behind ridges for longer; with
+/// fewer, there are fewer measurements for following them.
 const EXPLORED: usize = 4;
 
 /// Largest number of measurements on a mesh in a query. With fewer, the deepest place is followed later where
 /// bodies are fast.
-pub const MAX_MEASUREMENTS: u32 = 24;
+const MAX_MEASUREMENTS: u32 = 24;
 
-/// Number of measurements that are left for a place to start, or to look around.
+/// Number of measurements that have to be left for a place to start, or to look around.
 const MIN_LEFT: u32 = 8;
 
 /// Smallest gain of depth that a place moves for, in tolerances.
 const MIN_GAIN: f64 = 1e-4;
 
-/// Factor on that fraction after a move that leads to a deeper place.
+/// Factor on the fraction of an edge that a place tries, after a move that leads to a deeper one.
 const LONGER: f64 = 4.0;
 
 /// How much deeper than a place a sample near it has to be to start another one, in tolerances.
@@ -103,13 +104,8 @@ pub struct Bodies<'a> {
 
 impl<'a> Bodies<'a> {
     /// A probe and a scene object, with the probe's pose in the object's frame; `leash` (m) is how far a
-    /// place follows its body's surface, `measurements` how many there may be.
-    pub fn new(
-        bodies: [&'a FieldBody; 2],
-        to_scene: &Pose,
-        (tolerance, leash): (f64, f64),
-        measurements: u32,
-    ) -> Self {
+    /// place follows its body's surface.
+    pub fn new(bodies: [&'a FieldBody; 2], to_scene: &Pose, (tolerance, leash): (f64, f64)) -> Self {
         let affine = |pose: &Pose| DAffine3::from_rotation_translation(pose.rotation, pose.translation);
         Self {
             bodies,
@@ -117,7 +113,7 @@ impl<'a> Bodies<'a> {
             turn: to_scene.rotation,
             tolerance,
             leash,
-            left: Cell::new(measurements),
+            left: Cell::new(MAX_MEASUREMENTS),
         }
     }
 
@@ -140,8 +136,9 @@ impl<'a> Bodies<'a> {
 }
 
 impl DeepestPlaces {
+    /// Forgets all places.
     pub fn clear(&mut self) {
-        self.followed.clear();
+        *self = Self::default();
     }
 
     /// Measures the places of which one may be the deepest: those that are followed, and those that start at
@@ -286,7 +283,7 @@ impl Followed {
         let (.., to_other, _) = bodies.of(self.is_probe);
         let moved = to_other.transform_point3(self.leash.home).distance(self.home);
         let turned = 2.0 * (self.turned.dot(bodies.turn).abs()).min(1.0).acos();
-        self.bound = self.measured.depth + moved + turned * f64::from(self.leash.length);
+        self.bound = self.most() + moved + turned * f64::from(self.leash.length);
         self.is_new = false;
     }
 
@@ -314,8 +311,13 @@ impl Followed {
         let (.., to_other, _) = bodies.of(self.is_probe);
         self.home = to_other.transform_point3(self.leash.home);
         self.turned = bodies.turn;
-        let rise = if self.is_settled { 0.0 } else { 2.0 * f64::from(self.leash.length) };
-        (self.bound, self.is_new) = (self.measured.depth + rise, true);
+        (self.bound, self.is_new) = (self.most(), true);
+    }
+
+    /// The largest depth within the leash when it was measured, m.
+    fn most(&self) -> f64 {
+        let left = if self.is_settled { 0.0 } else { 2.0 * f64::from(self.leash.length) };
+        self.measured.depth + left
     }
 
     /// Looks beyond the ridges around the place: goes on from a vertex two edges away if that is deeper.

@@ -167,12 +167,13 @@ impl Leash {
     }
 }
 
-/// Share of a way to a place that is no nearer to another surface at which it is nearest, above 0 and below
-/// 1. `risen` is how much further away the place is, `slope` and `beyond` the changes of the distance that
-/// its gradients at the beginning and at the end make along the way, all in the same unit.
+/// Share, between 0 and 1, of a way to a place that is no nearer to another surface, at which it is nearest.
+/// `risen` is how much further away the place is, `slope` and `beyond` the changes of the distance that its
+/// gradients at the beginning and at the end make along the way, all in the same unit.
 ///
 /// The distance is above its tangents at both ends. With a kink, as over another edge, it is least where
 /// these meet; where it bends evenly, as over a face, where its slope is 0.
+#[inline]
 pub fn lowest_share(risen: f64, [slope, beyond]: [f64; 2]) -> f64 {
     let is_even = (risen - 0.5 * (slope + beyond)).abs() < EVEN * (beyond - slope);
     // The end of the way is no lower, so that a parabola's lowest place is at most halfway.

@@ -13,7 +13,7 @@ use wide::f32x4;
 use crate::area_law::AreaContact;
 use crate::body::FieldBody;
 use crate::cells::{Cell, Cells, ContactSample};
-use crate::deepest::{Bodies, DeepestPlaces, MAX_MEASUREMENTS, MAX_PLACES, Measured};
+use crate::deepest::{Bodies, DeepestPlaces, MAX_PLACES, Measured};
 use crate::front::{Front, MAX_SLOPE, NEAR_MARGIN, SLACK};
 use crate::selection::{Held, SelectedFour};
 use crate::selector::{Limit, Selector};
@@ -441,8 +441,10 @@ impl FieldQuery {
     fn measure(&mut self, (probe, scene): (&FieldBody, &FieldBody), motion: &Steady, sides: &[Side<'_>; 2]) {
         let part = self.cells.part();
         let lengths = (self.purpose.tolerance, 2.0 * f64::from(part));
-        let measurements = MAX_MEASUREMENTS * self.factor(motion) as u32;
-        let bodies = Bodies::new([probe, scene], &motion.pose, lengths, measurements);
+        if self.factor(motion) > 1 {
+            self.deepest.clear();
+        }
+        let bodies = Bodies::new([probe, scene], &motion.pose, lengths);
         self.deepest.measure(
             self.cells.deepest(),
             &bodies,

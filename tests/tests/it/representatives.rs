@@ -66,7 +66,7 @@ fn a_model_pushes_by_the_force_law() {
         let body = BodyState::at_rest(mesh * Pose::from_translation(center));
         let mut contacts = contact_loop(&probe, Scene::new().with(object.clone(), Pose::IDENTITY), settings);
         let update = contacts.step(&body, 0.0);
-        // From scratch, as that of the new loop.
+        // From scratch, as the query of the new loop is.
         query.reset();
         query.run(&mesh, &Pose::IDENTITY);
         let stiffness = settings.search.clusters as f64 * settings.contact.stiffness;

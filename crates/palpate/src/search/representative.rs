@@ -59,7 +59,8 @@ pub struct RepresentativeOutcome {
     pub contacts: usize,
     /// EPS reached, m: the error of the depths that contacts push by ([`FieldOutcome::error`]).
     pub error: f64,
-    /// `false` where the finest samples were left to the next queries: bodies are fast, or the time is limited.
+    /// `false` where the finest samples were left to the next queries: bodies are fast, or the time is
+    /// limited.
     pub is_complete: bool,
     /// Whether the objects penetrate deeper than their fields reach, so that contacts push by less than
     /// their depth.

@@ -272,8 +272,7 @@ pub enum ContactSearch {
     ///
     /// - contacts are [constraints](Response::Constraints), which are found on the meshes: then only the
     ///   penalty contacts with light objects that they push are found by levels,
-    /// - detail is to be left out ([`DetailSettings::error`]) or queries have a [time
-    ///   limit](DetailSettings::query_budget),
+    /// - detail is to be left out ([`DetailSettings::error`]),
     /// - an object has a haptic texture, an open surface, walls thinner than the tolerance d, or a field
     ///   whose error is more than a quarter of d,
     /// - or the tool [has a hinge](crate::tool::Hinged).
