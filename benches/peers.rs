@@ -210,13 +210,6 @@ impl Row {
     fn path_figures(&self, truths: &[f64], radius: f64) -> Option<PathFigures> {
         let poses = || self.path.iter().zip(truths);
         let off: Vec<f64> = poses().map(|((found, _), deepest)| (found - deepest).abs() / radius).collect();
-        if std::env::var("WORST").is_ok() {
-            for (i, ((f, _), d)) in poses().enumerate() {
-                if (f - d).abs() > 4e-4 * radius {
-                    println!("W {i} found {:.4} true {:.4}", 100.0 * f / radius, 100.0 * d / radius);
-                }
-            }
-        }
         let is_wrong =
             |limit: f64| poses().filter(|((found, _), deepest)| (found - **deepest).abs() > limit).count();
         let beyond = poses().filter(|((found, error), deepest)| {
