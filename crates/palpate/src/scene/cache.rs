@@ -55,13 +55,14 @@ fn hash_of(mesh: &TriMesh, options: &str) -> u64 {
     hasher.finish()
 }
 
-/// Loads the distance field of `mesh` from the cache; `None` if it is not there.
+/// Loads the distance field of `mesh` from the cache; `None` if it is not there. The mesh's linked features
+/// are made only if it is.
 pub(crate) fn stored_field(
     mesh: &TriMesh,
-    features: Arc<FeatureMesh>,
+    features: impl FnOnce() -> Arc<FeatureMesh>,
     options: &FieldOptions,
 ) -> Option<Field> {
-    Field::from_bytes(&std::fs::read(path_of_field(mesh, options)?).ok()?, features)
+    Field::from_bytes(&std::fs::read(path_of_field(mesh, options)?).ok()?, features())
 }
 
 /// Makes the distance field of `mesh`, and stores it in the cache.

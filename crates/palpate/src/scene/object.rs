@@ -344,10 +344,11 @@ impl Object {
         if let Some(known) = self.kept_field(&options) {
             return Ok(known);
         }
-        let (mesh, features) = self.solid()?;
+        let mesh = self.solid()?;
+        let features = || self.features_of(&mesh);
         // No lock is held while the field is made. Another thread may make the same field meanwhile.
-        let made = cache::stored_field(&mesh, features.clone(), &options)
-            .unwrap_or_else(|| cache::make_field(&mesh, features, &options));
+        let made = cache::stored_field(&mesh, features, &options)
+            .unwrap_or_else(|| cache::make_field(&mesh, features(), &options));
         Ok(self.keep_field(options, made))
     }
 
@@ -364,8 +365,8 @@ impl Object {
         if let Some((_, known)) = all().iter().find(|(of, _)| of == options) {
             return Ok(*known);
         }
-        let (mesh, features) = self.solid()?;
-        if let Some(stored) = cache::stored_field(&mesh, features, options) {
+        let mesh = self.solid()?;
+        if let Some(stored) = cache::stored_field(&mesh, || self.features_of(&mesh), options) {
             return Ok(self.keep_field(*options, stored).fitness());
         }
         let found = Fitness::of(&mesh, options);
@@ -396,14 +397,19 @@ impl Object {
         made
     }
 
-    /// The surface at full resolution, with its linked features, if it has an inside.
-    fn solid(&self) -> Result<(TriMesh, Arc<FeatureMesh>), FieldError> {
+    /// Linked features of the surface, whose [welded](Self::solid) mesh is at hand.
+    fn features_of(&self, mesh: &TriMesh) -> Arc<FeatureMesh> {
+        let made = || Arc::new(FeatureMesh::new(mesh));
+        self.features.get_or_init(|| Some(made())).clone().unwrap_or_else(made)
+    }
+
+    /// The surface at full resolution, if it has an inside.
+    fn solid(&self) -> Result<TriMesh, FieldError> {
         // A hierarchy that was not built from a solid may still look closed, but its inside is not defined.
         let mesh = self.clod.source.solid.then(|| welded(self.triangles())).flatten();
-        let known = mesh.zip(self.features());
-        let (mesh, features) = known.ok_or_else(|| FieldError::Open { name: self.name.clone() })?;
+        let mesh = mesh.ok_or_else(|| FieldError::Open { name: self.name.clone() })?;
         check_place(&self.name, &mesh)?;
-        Ok((mesh, features))
+        Ok(mesh)
     }
 
     /// Scales the object about its frame's origin; `None` if the factor is not positive and finite, or too
@@ -529,13 +535,12 @@ mod tests {
         let options = FieldOptions { memory: 300_000, ..FieldOptions::new(tolerance) };
         let known = object.fitness(&options).expect("a closed surface");
         assert!(object.kept_field(&options).is_none(), "no field was made");
-        let (mesh, features) = object.solid().expect("a closed surface");
-        let made = Field::new(&mesh, features, &options);
+        let mesh = object.solid().expect("a closed surface");
+        let made = Field::new(&mesh, object.features_of(&mesh), &options);
         assert_eq!(made.fitness(), known);
         assert!(known.error > 0.0 && known.error < options.tolerance, "{known:?}");
 
         // Where positions are too coarse, there is no field to ask about.
-        let (mesh, _) = object.solid().expect("a closed surface");
         let moved = |away: f64| {
             let vertices = mesh.vertices().iter().map(|vertex| *vertex + DVec3::X * away).collect();
             TriMesh::new(vertices, mesh.triangles().to_vec()).expect("a mesh")
