@@ -28,6 +28,9 @@ const MAX_WALK: usize = 32;
 /// between parallel faces.
 const MIN_SLOPE: f64 = 1e-3;
 
+/// Sine of the angle between edges from which the place where they are nearest is not rounding.
+const MIN_ANGLE: f64 = 1e-3;
+
 /// Smallest move along an edge, as a fraction of it. With more, the place where edges cross is found too
 /// coarsely; with less, single precision is too coarse.
 const MIN_STEP: f64 = 1e-6;
@@ -145,6 +148,16 @@ pub struct Leash {
 }
 
 impl Leash {
+    /// One that lets a place go anywhere.
+    pub fn longest(&self) -> Self {
+        Self { length: f32::INFINITY, ..*self }
+    }
+
+    /// Whether a place at a position (m) is on it.
+    pub fn holds(&self, position: DVec3) -> bool {
+        position.distance_squared(self.home) <= f64::from(self.length).powi(2)
+    }
+
     /// Whether it reaches wherever another one does.
     pub fn covers(&self, other: &Self) -> bool {
         self.home.distance(other.home) + f64::from(other.length) <= self.length.into()
@@ -423,6 +436,49 @@ impl FeatureMesh {
             face,
             feature: MeshFeature::Face(face),
         })
+    }
+
+    /// The foot of a point on an edge that it is over and outside of: it is nearer than all else on the faces
+    /// beside it. A walk from one of these would end there; the one given is named if it is one of them.
+    #[inline]
+    pub fn over_edge(&self, p: DVec3, edge: u32, face: u32) -> Option<ClosestPoint> {
+        let [from, to] = self.ends(edge);
+        let (along, off) = (to - from, p - from);
+        let at = off.dot(along) / along.length_squared();
+        let away = off - along * at;
+        let distance = away.length();
+        let sides = self.sides[edge as usize];
+        let is_beside = |side: u32| {
+            let Face { edges, normal, inward, .. } = &self.faces[side as usize];
+            let inward = edges.iter().zip(inward).find(|(own, _)| **own == edge);
+            normal.dot(away) > 0.0 && inward.is_some_and(|(_, inward)| inward.dot(away) <= 0.0)
+        };
+        let is_over = at > 0.0
+            && at < 1.0
+            && distance >= self.min_directed
+            && sides.iter().all(|side| *side != NONE && is_beside(*side));
+        is_over.then(|| ClosestPoint {
+            point: from + along * at,
+            distance,
+            normal: away / distance,
+            face: if sides[1] == face { face } else { sides[0] },
+            feature: MeshFeature::Edge(edge),
+        })
+    }
+
+    /// The place on an edge that is nearest to a line through two points (m), if that is inside of the edge
+    /// and of the leash; `None` for an edge along the line, too.
+    #[inline]
+    pub fn place_nearest(&self, edge: u32, [start, end]: [DVec3; 2], leash: &Leash) -> Option<Place> {
+        let [from, to] = self.ends(edge);
+        let (u, v, w) = (to - from, end - start, from - start);
+        let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
+        let square = uu * vv - uv * uv;
+        let at = (uv * v.dot(w) - vv * u.dot(w)) / square;
+        let is_within = |place: &Place| matches!(place, Place::Edge(..)) && leash.holds(self.position(place));
+        (square > MIN_ANGLE * MIN_ANGLE * uu * vv && (0.0..=1.0).contains(&at))
+            .then(|| self.on_edge(edge, at))
+            .filter(is_within)
     }
 
     fn conclude(&self, p: DVec3, face: u32, point: DVec3, feature: Feature, distance: f64) -> ClosestPoint {
@@ -779,9 +835,7 @@ impl FeatureMesh {
                 }
             }
         }
-        best.1.filter(|place| {
-            self.position(place).distance_squared(leash.home) <= f64::from(leash.length).powi(2)
-        })
+        best.1.filter(|place| leash.holds(self.position(place)))
     }
 
     /// A fraction of an edge, moved to where the edge is within a leash.

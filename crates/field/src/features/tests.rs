@@ -79,6 +79,68 @@ fn walks_end_at_the_nearest_point() {
     }
 }
 
+/// The foot of a point on an edge is where a walk ends, for all that end outside of one, and for no others.
+#[test]
+fn points_over_edges_have_their_foot_where_walks_end() {
+    let mut rng = StdRng::seed_from_u64(0xFEB8);
+    for model in [Model::Ellipsoid, Model::Block, Model::Gear] {
+        let mesh = model.generate(3000).expect("in range");
+        let features = FeatureMesh::new(&mesh);
+        let mut over = 0;
+        for round in 0..6000 {
+            let p = near(&mesh, 0.2, &mut rng);
+            let wanted = features.nearest(p);
+            for edge in features.edges_of(wanted.face) {
+                let is_it = wanted.feature == MeshFeature::Edge(edge) && wanted.distance > 0.0;
+                let found = features.over_edge(p, edge, wanted.face);
+                // A point may be over edges of both ends of a notch; one is nearer.
+                let found = found.filter(|found| is_it || found.distance <= wanted.distance);
+                assert_eq!(found.is_some(), is_it, "{model:?}, round {round}: {wanted:?}, {found:?}");
+                let Some(found) = found else { continue };
+                over += 1;
+                assert!(found.point.distance(wanted.point) < 1e-12, "{model:?}: {found:?}, {wanted:?}");
+                assert!(found.normal.distance(wanted.normal) < 1e-9, "{model:?}: {found:?}, {wanted:?}");
+                assert_eq!((found.feature, found.face), (wanted.feature, wanted.face), "{model:?}");
+            }
+        }
+        assert!(over > 100, "{model:?}: {over} over edges");
+    }
+}
+
+/// The place of an edge nearest to a line is no further from it than others, inside of the edge and a leash.
+#[test]
+fn places_nearest_to_a_line_are_nearer_than_others() {
+    let mesh = block(DVec3::splat(2.0));
+    let features = FeatureMesh::new(&mesh);
+    let mut rng = StdRng::seed_from_u64(0xFEB9);
+    let (mut inside, mut leashed) = (0, 0);
+    for round in 0..500 {
+        let edge = rng.random_range(0..features.edges.len() as u32);
+        let [from, to] = features.ends(edge);
+        let line = [random(&mut rng) * 2.0, random(&mut rng) * 2.0];
+        let along = (line[1] - line[0]).normalize();
+        let apart = |at: f64| (from.lerp(to, at) - line[0]).cross(along).length();
+        let least = (0..=1000).map(|i| apart(f64::from(i) / 1000.0)).fold(f64::INFINITY, f64::min);
+        let leash = |home: DVec3, length: f32| Leash { home, length };
+        let Some(place) = features.place_nearest(edge, line, &leash(from, 9.0)) else {
+            assert!(least > apart(0.0).min(apart(1.0)) - 1e-9, "round {round}: {least} inside");
+            continue;
+        };
+        inside += 1;
+        let Place::Edge(own, at) = place else { panic!("{place:?}") };
+        assert!(own == edge && apart(at.into()) < least + 1e-9, "round {round}: {place:?}, {least}");
+        let short = 0.5 * from.distance(to) as f32;
+        let held = features.place_nearest(edge, line, &leash(from, short)).is_some();
+        assert_eq!(held, leash(from, short).holds(features.position(&place)), "round {round}");
+        leashed += u32::from(!held);
+    }
+    assert!(inside > 50 && leashed > 10, "{inside} inside, {leashed} of them beyond the leash");
+    let [from, to] = features.ends(0);
+    let beside = [from, to].map(|end| end + DVec3::ONE);
+    let far = Leash { home: from, length: 9.0 };
+    assert_eq!(features.place_nearest(0, beside, &far), None, "edges along each other");
+}
+
 /// A walk over more small faces than it may visit ends at the nearest point, too.
 #[test]
 fn long_walks_end_at_the_nearest_point() {

@@ -68,10 +68,14 @@ pub(crate) struct GuardedPoint {
     leash: Leash,
     /// Face of the other body's surface that is nearest.
     face: u32,
+    /// Edge of that surface that was nearest; none if another feature was.
+    edge: Option<u32>,
     /// Index of the scene object.
     pub object: u8,
     /// Whether it is on the body in the hand, or on the scene object.
     is_probe: bool,
+    /// Whether it would be at rest on any leash.
+    is_free: bool,
     /// Fraction of the way along an edge that it tries next.
     stride: f32,
     /// Distance that the bodies may move before it has to be measured again, m: when it was last measured.
@@ -193,19 +197,26 @@ impl GuardedPoint {
     ) -> Self {
         let Sides { own, other, to_other, .. } = frames.sides(is_probe);
         let face = other.face_near(to_other.transform_point3(own.position(&place)), hint);
-        let mut point = Self {
+        let mut point = Self::at((place, leash), face, is_probe, index);
+        point.settle(frames, least);
+        point
+    }
+
+    /// A point at a place, over a face of the other surface, of which nothing else is known.
+    fn at((place, leash): (Place, Leash), face: u32, is_probe: bool, object: u8) -> Self {
+        Self {
             place,
             leash,
             face,
-            object: index,
+            edge: None,
+            object,
             is_probe,
+            is_free: false,
             stride: 1.0,
             slack: 0.0,
             trust: 0.0,
             clear: 0.0,
-        };
-        point.settle(frames, least);
-        point
+        }
     }
 
     /// The point of an earlier query at new poses, on another leash. `index` is that of the scene object now.
@@ -266,8 +277,9 @@ impl GuardedPoint {
             Some((position, closest)) => {
                 self.trust = 0.0;
                 let descent = Descent { position, closest, is_settled: true };
-                // From a vertex that is the lowest, the direction is a normal of both sides.
-                if matches!(self.place, Place::Vertex(_)) && self.is_normal(frames, &closest) {
+                // From a vertex that is the lowest over a face, the direction is a normal of both sides.
+                let is_over = matches!((self.place, self.edge), (Place::Vertex(_), None));
+                if is_over && self.is_normal(frames, &closest) {
                     return self.measured(frames, &descent);
                 }
                 descent
@@ -339,7 +351,9 @@ impl GuardedPoint {
         self.clear = below(clear + motion);
         let is_lower = |nearer: &ClosestPoint| nearer.distance < distance - frames.min_descent;
         let other = nearer.filter(|nearer| nearer.face != self.face && is_lower(nearer));
-        self.face = other.map_or(self.face, |nearer| nearer.face);
+        if let Some(nearer) = other {
+            (self.face, self.edge) = (nearer.face, None);
+        }
         (clear, other.is_some())
     }
 
@@ -363,15 +377,32 @@ impl GuardedPoint {
         }
     }
 
-    /// What [`Self::descend`] finds at a place that is the lowest and over the face that was nearest, as most
-    /// points that touch are, in fewer instructions; `None` for any other point.
+    /// What [`Self::descend`] finds at a place that is the lowest and over the face or the edge that was
+    /// nearest, as most points that touch are, in fewer instructions; `None` for any other point.
     #[inline(always)]
-    fn at_rest(&self, frames: &Frames<'_>) -> Option<(DVec3, ClosestPoint)> {
+    fn at_rest(&mut self, frames: &Frames<'_>) -> Option<(DVec3, ClosestPoint)> {
         let Sides { own, other, to_other, to_own, .. } = frames.sides(self.is_probe);
-        let position = own.position(&self.place);
-        let closest = other.over(to_other.transform_point3(position), self.face)?;
+        let place = match (self.place, self.edge) {
+            // Edges that cross are nearest where they do.
+            (Place::Edge(edge, _), Some(crossed)) => {
+                let line = other.ends(crossed).map(|end| to_own.transform_point3(end));
+                own.place_nearest(edge, line, &self.leash)?
+            }
+            (place, _) => place,
+        };
+        let position = own.position(&place);
+        let at = to_other.transform_point3(position);
+        let closest = match self.edge {
+            Some(edge) => other.over_edge(at, edge, self.face),
+            None => other.over(at, self.face),
+        }?;
         let normal = to_own.transform_vector3(closest.normal);
-        own.is_lowest(&self.place, normal, self.stride.into(), &self.leash).then_some((position, closest))
+        let is_lowest = |leash: &Leash| own.is_lowest(&place, normal, self.stride.into(), leash);
+        let is_free = is_lowest(&self.leash.longest());
+        (is_free || is_lowest(&self.leash)).then(|| {
+            (self.place, self.face, self.is_free) = (place, closest.face, is_free);
+            (position, closest)
+        })
     }
 
     /// Moves the point down, in at most so many moves. Its distance is known to be at least `least` (m), but
@@ -386,12 +417,13 @@ impl GuardedPoint {
         let mut position = own.position(&self.place);
         let mut closest = other.walk(to_other.transform_point3(position), self.face);
         closest = self.checked(&sides, position, closest, least);
-        let (mut stride, mut is_settled) = (self.stride, false);
+        let (mut stride, mut is_settled, mut is_free) = (self.stride, false, true);
         let (mut is_moved, mut is_cut) = (false, false);
         for _ in 0..moves {
             let normal = to_own.transform_vector3(closest.normal);
-            let Some(place) = own.descend(&self.place, normal, stride.into(), &self.leash) else {
-                is_settled = true;
+            let lower = |leash: &Leash| own.descend(&self.place, normal, stride.into(), leash);
+            let Some(place) = lower(&self.leash) else {
+                (is_settled, is_free) = (true, lower(&self.leash.longest()).is_none());
                 break;
             };
             let next = own.position(&place);
@@ -430,6 +462,11 @@ impl GuardedPoint {
         }
         self.stride = stride.max(FeatureMesh::MIN_STRIDE as f32);
         self.face = closest.face;
+        self.is_free = is_settled && is_free;
+        self.edge = match closest.feature {
+            MeshFeature::Edge(edge) => Some(edge),
+            _ => None,
+        };
         Descent { position, closest, is_settled }
     }
 
@@ -487,6 +524,20 @@ impl GuardedPoint {
         let slopes = normals.map(|normal| normal.dot(way));
         let share = lowest_share(after.distance - before.distance, slopes);
         (-slopes[0] * share > min_descent).then_some(share as f32)
+    }
+
+    /// Goes where another point is `now` that was at the same features, if it is at rest there whatever its
+    /// leash: so would this one be, as far as its own leash lets it go there.
+    pub fn follow(&mut self, (was, now): (&Self, &Self), frames: &Frames<'_>) -> bool {
+        let on = |point: &Self| (point.is_probe, MeshFeature::from(point.place));
+        let is_beside = on(self) == on(was) && (self.face, self.edge) == (was.face, was.edge);
+        let own = frames.sides(self.is_probe).own;
+        let follows =
+            is_beside && now.is_free && on(now) == on(was) && self.leash.holds(own.position(&now.place));
+        if follows {
+            *self = Self { leash: self.leash, object: self.object, ..*now };
+        }
+        follows
     }
 
     pub fn leash(&self) -> &Leash {

@@ -83,6 +83,15 @@ pub(super) struct Reached<'a> {
     pub own: usize,
 }
 
+/// A point that has come to rest in a step. Those that were at the same features follow it there: points from
+/// all sides end at the minimum that holds the body.
+pub(super) struct Lead {
+    was: GuardedPoint,
+    now: GuardedPoint,
+    /// Whether its contact is within reach.
+    is_near: bool,
+}
+
 impl ContactGeometry {
     /// Finds the contacts that a step from a state of the body may reach, with the scene's objects where they
     /// are at its start. The impulses of the last step's contacts, `before`, are taken over.
@@ -120,7 +129,8 @@ impl ContactGeometry {
                 friction: friction.static_coefficient,
                 own: found.contacts.len(),
             };
-            own.iter().for_each(|key| points.meet(*key, &at, found));
+            let mut lead = None;
+            own.iter().for_each(|key| points.meet(*key, &at, &mut lead, found));
             woken.iter().for_each(|key| points.meet_woken(*key, &at, found));
             own_reserves.iter().for_each(|place| points.look(*place, reserves, &at, found));
         }
@@ -259,11 +269,29 @@ impl Points {
         near
     }
 
-    /// Measures a point in turn, and adds its contact if it is within reach.
-    pub(super) fn meet(&mut self, key: u16, at: &Reached<'_>, found: &mut StepContacts) {
+    /// Measures a point in turn, and adds its contact if it is within reach. The last one that was measured
+    /// may `lead` it.
+    pub(super) fn meet(
+        &mut self,
+        key: u16,
+        at: &Reached<'_>,
+        lead: &mut Option<Lead>,
+        found: &mut StepContacts,
+    ) {
         let (point, slack) = (&mut self.guarded[usize::from(key)], &mut self.slacks[usize::from(key)]);
+        if let Some(Lead { was, now, is_near }) = lead
+            && point.follow((was, now), &at.frames)
+        {
+            *slack = point.slack;
+            if *is_near && found.near.try_push(key).is_err() {
+                found.room = 0.0;
+            }
+            return;
+        }
+        let was = *point;
         let (measured, gap) = at.measure(point, *slack);
         *slack = point.slack;
+        *lead = measured.is_settled.then_some(Lead { was, now: *point, is_near: gap <= at.reach });
         at.add(key, &measured, gap, *slack, found);
     }
 

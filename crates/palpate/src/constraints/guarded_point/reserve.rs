@@ -69,6 +69,6 @@ impl Reserve {
     /// A point that starts there, over a face of the other surface, at a distance of at least `slack`, m.
     pub fn wake(&self, face: u32, slack: f32) -> GuardedPoint {
         let Self { place, leash, object, is_probe, .. } = *self;
-        GuardedPoint { place, leash, face, object, is_probe, stride: 1.0, slack, trust: 0.0, clear: 0.0 }
+        GuardedPoint { slack, ..GuardedPoint::at((place, leash), face, is_probe, object) }
     }
 }

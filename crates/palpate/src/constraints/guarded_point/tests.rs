@@ -138,6 +138,59 @@ fn crossed_edges_are_nearest_where_they_cross() {
     }
 }
 
+/// Where points of one ridge are where it crosses another one, and that slides, those that follow the first
+/// come to where they go by themselves. One whose leash ends before does not follow.
+#[test]
+fn points_at_the_same_features_go_on_together() {
+    const GAP: f64 = 1e-4;
+    let roof = roof();
+    let mut rng = StdRng::seed_from_u64(0x60A8);
+    let (mut led, mut leashed) = (0, 0);
+    for round in 0..400 {
+        let is_probe = round % 2 == 0;
+        let angle = rng.random_range(0.5..2.6);
+        let turned = DQuat::from_rotation_z(angle) * DQuat::from_rotation_x(std::f64::consts::PI);
+        let at = |shift: f64| Pose::new(DVec3::new(shift, 0.0, GAP), turned);
+        let (start, end) = (at(0.0), at(rng.random_range(-5e-3..5e-3)));
+        let object = (&roof, &Pose::IDENTITY);
+        let starting = Frames::new((&roof, &start), object);
+        // Both start at the crossing.
+        let mut points = [0.02, rng.random_range(1e-3..8e-3)]
+            .map(|length| new((DVec3::ZERO, length), is_probe, &starting));
+        points.iter_mut().for_each(|point| {
+            measure(point, (&roof, &start), object);
+        });
+        let frames = Frames::new((&roof, &end), object);
+        let [was, short] = points;
+        let found = points[0].measure(&frames, points[0].slack, f64::INFINITY);
+        let mut alone = points[1];
+        let by_itself = measure(&mut alone, (&roof, &end), object);
+        let own = frames.own(is_probe);
+        let [now, mut next] = points;
+        let follows = next.follow((&was, &now), &frames);
+        let leash = alone.leash();
+        assert_eq!(follows, leash.holds(own.position(&now.place)), "round {round}");
+        let apart = own.position(&alone.place).distance(own.position(&now.place));
+        assert_eq!(apart < 1e-7, follows, "round {round}: {apart} m");
+        if follows {
+            led += 1;
+            assert!(by_itself.point.distance(found.point) < 1e-7, "round {round}: {by_itself:?}, {found:?}");
+            assert_eq!(next.leash().length, leash.length, "it keeps its own");
+        } else {
+            leashed += 1;
+            // One that its leash holds leads none that may go on.
+            let (mut held, mut on) = (short, was);
+            measure(&mut held, (&roof, &end), object);
+            assert!(!on.follow((&short, &held), &frames), "round {round}: {held:?}");
+        }
+        // From another feature, nothing is known of where it goes.
+        let mut elsewhere = new((DVec3::new(0.0, 0.02, -0.02), 0.1), is_probe, &starting);
+        elsewhere.place = own.place_near(DVec3::new(0.03, 0.02, -0.02));
+        assert!(!elsewhere.follow((&was, &now), &frames), "round {round}");
+    }
+    assert!(led > 100 && leashed > 30, "{led} and {leashed}");
+}
+
 /// Ridges that overlap at a low angle, with a point that its leash holds away from where they cross: by
 /// several depths along its ridge, though it is beside the other one. It holds them where they cross; out of
 /// the nearest face they would slide sideways, and further in.

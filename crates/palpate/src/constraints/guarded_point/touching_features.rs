@@ -18,7 +18,7 @@
 //! may not pass the plane of this one, which goes on.
 
 use palpate_core::glam::{DAffine3, DVec3};
-use palpate_field::{ClosestPoint, FeatureMesh, Leash, MeshFeature, Place};
+use palpate_field::{ClosestPoint, FeatureMesh, MeshFeature, Place};
 
 use super::{Descent, Frames, GuardedPoint, Measured, Sides};
 
@@ -176,7 +176,7 @@ impl GuardedPoint {
         let [from, to] = sides.own.ends(edge);
         let direction = (to - from).normalize_or_zero();
         let slope = outward.dot(direction);
-        let far = Leash { length: f32::INFINITY, ..self.leash };
+        let far = self.leash.longest();
         let goes_on = |leash| sides.own.descend(&self.place, -outward, 1.0, leash).is_some();
         // What is no sharper than its surface beside it touches nothing where it is not level.
         let steep = if is_held { LEASHED } else { LEVEL };
