@@ -10,14 +10,13 @@ use palpate_dynamics::{BodyState, MotionBound, MovingBody};
 use palpate_field::FeatureMesh;
 
 use super::ContactLoop;
-use super::penalties::counterpart;
 use crate::constraints::geometry::{
     ContactGeometry, FarObject, MAX_FAR, MAX_OBJECT_MOTION, MAX_OBJECTS, NearObject, reach_of_step,
 };
 use crate::constraints::guard::{Guard, Limits, Start};
 use crate::constraints::guarded_point::{GuardedPoint, OVERLAP};
 use crate::constraints::near_features::{NearFeature, Reaches};
-use crate::constraints::pairs::{Found, Pull};
+use crate::constraints::pairs::{Found, Pairs, Pull};
 use crate::penalties::in_scene::InScene;
 
 /// Edge of the cells in each of which a point starts, in bounding radii of the body. With larger cells, local
@@ -101,17 +100,26 @@ const MAX_READINGS: usize = 32_768;
 /// much is new; with more, what is new waits.
 const FOR_STARTS: f64 = 0.25;
 
+/// What the search for constraints knows from step to step.
+#[derive(Debug)]
+pub(super) struct ConstraintSearch {
+    pub guard: Guard,
+    /// Distances from the scene objects.
+    pub pairs: Pairs,
+}
+
 impl ContactLoop {
     /// Whether contacts with the object at a place are constraints. Contacts with light objects that they
     /// push, and with textured ones, are penalty contacts.
     pub(super) fn is_guarded(&self, place: usize) -> bool {
-        counterpart(&self.objects, &self.scene, Some(place)).is_constraint(self.response, self.mass)
-            && !self.textures.as_ref().is_some_and(|textures| textures.has(place))
+        self.scene.counterpart(Some(place)).is_constraint(self.response, self.mass)
+            && !self.penalties.is_textured(place)
     }
 
     /// Whether contacts with all objects are constraints.
     pub(super) fn guards_all(&self) -> bool {
-        (0..self.objects.len()).all(|place| self.objects[place].is_none() || self.is_guarded(place))
+        (0..self.scene.objects.len())
+            .all(|place| self.scene.objects[place].is_none() || self.is_guarded(place))
     }
 
     /// Finds what the haptic loop needs to hold the body out of the objects that are guarded; `None` if the
@@ -119,15 +127,17 @@ impl ContactLoop {
     pub(super) fn guard(&mut self, body: &BodyState, pull: &Pull) -> Option<ContactGeometry> {
         let tolerance = self.parameters.tolerance;
         // Steps of a loop between those of another one take turns of one and of two.
-        let longest = self.interval.max(self.before);
+        let longest = self.timing.interval.max(self.timing.before);
         let interval = if longest > 0.0 { longest.min(MAX_INTERVAL) } else { 0.0 };
         let ahead = INTERVALS * interval;
-        let speed = body.twist.linear.length() + body.twist.angular.length() * self.radius + self.fastest;
+        let speed =
+            body.twist.linear.length() + body.twist.angular.length() * self.radius + self.scene.fastest;
         // A body that waits is slow, and goes on with the hand.
         let scale = self.all_settings.device.workspace_scale;
         let acceleration = scale * if pull.waited { WAITED_ACCELERATION } else { ACCELERATION };
         let pulled = (0.5 * acceleration * ahead * ahead).min(pull.stretch + pull.speed * ahead);
-        let at_rest = if self.moving.is_empty() { (AT_REST * ahead).min(MAX_AT_REST) } else { MAX_AT_REST };
+        let at_rest =
+            if self.scene.moving.is_empty() { (AT_REST * ahead).min(MAX_AT_REST) } else { MAX_AT_REST };
         let at_rest = at_rest * tolerance;
         let reach = (at_rest + speed * ahead + pulled).max(2.0 * at_rest);
         let radius = self.probe.bounding_radius();
@@ -137,10 +147,11 @@ impl ContactLoop {
             reach + (pull.speed + 0.5 * scale * HAND_ACCELERATION * ahead) * ahead
         };
         // A body that touches a surface is held there anyway, if it speeds up.
-        let enough = if self.guard.nearest() < reach { enough.min(ENOUGH * reach) } else { enough };
-        let cell = edge * self.guard.cell().min(MAX_CELL);
+        let enough =
+            if self.constraints.guard.nearest() < reach { enough.min(ENOUGH * reach) } else { enough };
+        let cell = edge * self.constraints.guard.cell().min(MAX_CELL);
         let reaches = Reaches { reach, enough, edge, cell, long: LONG * edge };
-        let (points, reserves) = self.guard.room();
+        let (points, reserves) = self.constraints.guard.room();
         let mut geometry = ContactGeometry {
             probe: self.probe.features()?,
             center_of_mass: self.center_of_mass,
@@ -156,7 +167,7 @@ impl ContactLoop {
             age: 0.0,
         };
         let mesh = body.pose * Pose::from_translation(-self.center_of_mass);
-        let mut guard = std::mem::take(&mut self.guard);
+        let mut guard = std::mem::take(&mut self.constraints.guard);
         guard.starts.clear();
         let readings = match interval > 0.0 {
             true => ((READINGS * interval) as usize).clamp(MIN_READINGS, MAX_READINGS),
@@ -176,9 +187,9 @@ impl ContactLoop {
         let is_deep = |point: &GuardedPoint| f64::from(point.slack) < overlap;
         for (index, object) in geometry.objects.iter_mut().enumerate() {
             let mut own = geometry.points.iter().filter(|point| usize::from(point.object) == index);
-            object.overlapped = self.pairs.overlapped(object.place, || own.any(is_deep));
+            object.overlapped = self.constraints.pairs.overlapped(object.place, || own.any(is_deep));
         }
-        self.guard = guard;
+        self.constraints.guard = guard;
         self.telemetry.events.contact_overflow += dropped as u64;
         Some(geometry)
     }
@@ -195,16 +206,16 @@ impl ContactLoop {
         readings: usize,
     ) -> f64 {
         let events = &mut self.telemetry.events;
-        let Ok(invalid) = self.scene.find_near(mesh, reaches.enough) else {
+        let Ok(invalid) = self.scene.query.find_near(mesh, reaches.enough) else {
             events.contact_refused += 1;
             return 0.0;
         };
         events.contact_refused += u64::from(invalid > 0);
         let mut room = if invalid > 0 { 0.0 } else { reaches.enough };
-        let mut pairs = std::mem::take(&mut self.pairs);
+        let mut pairs = std::mem::take(&mut self.constraints.pairs);
         let mut handles = std::mem::take(&mut pairs.handles);
         handles.clear();
-        handles.extend(self.scene.near());
+        handles.extend(self.scene.query.near());
         let ball = (self.center_of_mass, self.radius);
         let mut near = std::mem::take(&mut pairs.found);
         let mut far = std::mem::take(&mut pairs.far);
@@ -236,7 +247,8 @@ impl ContactLoop {
             let (others, rest) = known.end([probe, scene], (reaches, left), pass);
             (starts.end, left, *since) = (guard.starts.len(), rest, known.since());
             let clear = clear.min(others).max(0.0);
-            let stands = self.objects.get(object.place).and_then(Option::as_ref).is_some_and(InScene::stands);
+            let stands =
+                self.scene.objects.get(object.place).and_then(Option::as_ref).is_some_and(InScene::stands);
             if stands && clear < reaches.enough {
                 far.push(FarObject { pose: object.pose, bounds: scene.bounds(), room: clear });
             } else {
@@ -262,7 +274,7 @@ impl ContactLoop {
         geometry.objects.extend(near.drain(..).map(|found| found.object));
         (pairs.handles, pairs.found, pairs.far) = (handles, near, far);
         pairs.end();
-        self.pairs = pairs;
+        self.constraints.pairs = pairs;
         room
     }
 
@@ -270,16 +282,16 @@ impl ContactLoop {
     /// geometry, m/s; but for those in other hands.
     fn far_speed(&self, geometry: &ContactGeometry) -> f64 {
         let MotionBound { from, room, radius, .. } = geometry.bound;
-        let speeds = self.moving.iter().filter_map(|place| {
+        let speeds = self.scene.moving.iter().filter_map(|place| {
             if geometry.objects.iter().any(|object| object.place == *place) {
                 return None;
             }
-            let object = self.objects.get(*place)?.as_ref()?;
+            let object = self.scene.objects.get(*place)?.as_ref()?;
             if object.is_in_hand() {
                 return None;
             }
             let speed = object.speed();
-            let apart = self.scene.pose(object.handle)?.translation.distance(from.translation);
+            let apart = self.scene.query.pose(object.handle)?.translation.distance(from.translation);
             let clear = apart - object.object.radius_about(DVec3::ZERO) - radius;
             (clear < room + speed * MAX_OBJECT_MOTION).then_some(speed)
         });
@@ -292,13 +304,13 @@ impl ContactLoop {
         if !self.is_guarded(place) {
             return None;
         }
-        let near = self.objects.get(place)?.as_ref()?;
+        let near = self.scene.get(place)?;
         let surface: Arc<FeatureMesh> = near.object.features()?;
-        let pose = *self.scene.pose(handle)?;
-        let motion: MovingBody = counterpart(&self.objects, &self.scene, Some(place)).body();
+        let pose = *self.scene.query.pose(handle)?;
+        let motion: MovingBody = self.scene.counterpart(Some(place)).body();
         let pushable = near.moving.as_ref().and_then(|moving| {
             let radius = near.object.radius_about(moving.0.center_of_mass()?);
-            moving.0.pushable(near.id, (&pose, radius), (self.interval, self.time))
+            moving.0.pushable(near.id, (&pose, radius), (self.timing.interval, self.timing.time))
         });
         let felt_elsewhere = near.moving.as_ref().is_some_and(|moving| moving.0.is_felt_elsewhere());
         Some(NearObject {

@@ -10,36 +10,36 @@ mod snapshot;
 mod stages;
 mod touching;
 
-use std::sync::Arc;
 use std::time::Duration;
 
-use palpate_collide::{Budget, PatchContact, QuerySettings, SceneQuery};
+use palpate_collide::{Budget, PatchContact, QuerySettings};
 use palpate_core::Pose;
 use palpate_core::glam::DVec3;
 use palpate_dynamics::{Body, BodyState, ContactParameters, LinearContactModel};
 use palpate_texture_pd::Backend;
 use rtrb::Consumer;
 
+use self::changes::Live;
+use self::constraints::ConstraintSearch;
+use self::penalties::PenaltySearch;
+use self::snapshot::Shown;
 use self::touching::Patches;
-use crate::constraints::geometry::{ContactGeometry, PredictedMotion};
+use crate::constraints::geometry::ContactGeometry;
 use crate::constraints::guard::Guard;
 use crate::constraints::pairs::Pairs;
 pub use crate::constraints::pairs::Pull;
 use crate::contact_loop::monitor::{ContactMonitor, MonitorFeed};
 use crate::penalties::group::ContactGroup;
-use crate::penalties::in_scene::{InScene, OnLoan, objects_of};
+use crate::penalties::in_scene::{OnLoan, SceneObjects};
 use crate::penalties::lookahead::Lookahead;
 use crate::penalties::proxy::Proxy;
 use crate::penalties::textures::{TextureError, Textures};
 use crate::scene::Placed;
-use crate::scene::SceneId;
-use crate::scene::editor::{Edit, SceneEditor};
 use crate::scene::object::Object;
 pub(crate) use crate::search::ByLevels;
-use crate::search::by_fields::ByFields;
 use crate::search::representative::FieldError;
 use crate::search::{RESERVED, choose};
-use crate::settings::live::{ContactTuning, Ramp};
+use crate::settings::live::ContactTuning;
 use crate::settings::{DetailSettings, Response, SearchSettings, Settings};
 use crate::telemetry::ContactTelemetry;
 
@@ -118,63 +118,51 @@ struct Ran {
 /// contacts fade in and out between levels of detail.
 #[derive(Debug)]
 pub struct ContactLoop {
+    probe: Object,
     /// Centre of mass of the probe in its mesh's frame, m.
     center_of_mass: DVec3,
-    scene: SceneQuery,
-    proxy: Proxy,
-    probe: Object,
-    /// Scene objects by their places in the query.
-    objects: Vec<Option<InScene>>,
-    /// Surfaces of removed objects that the haptic loop may still hold. Large ones take milliseconds to free,
-    /// which is done here once it has let go.
-    on_loan: Vec<OnLoan>,
-    /// Places of the objects that move or can be moved.
-    moving: Vec<usize>,
-    /// Bound on the speed of any point of the moving objects near the body, m/s.
-    fastest: f64,
-    /// Motion of the objects that contacts push, by the haptic loop.
-    predicted: Option<triple_buffer::Output<PredictedMotion>>,
-    /// Pending changes of the scene, and the editor that sends them.
-    edits: Option<Consumer<Edit>>,
-    editor: Option<SceneEditor>,
-    tunings: Option<Consumer<ContactTuning>>,
-    /// Ramp of gains and s₀ to tuned ones.
-    tuning: Option<Ramp<(ContactParameters, f64)>>,
+    /// Bounding radius of the probe about its centre of mass, m.
+    radius: f64,
+    /// Mass of the grasped object, kg.
+    mass: f64,
+    scene: SceneObjects,
     /// Settings that textures are rebuilt with.
     all_settings: Settings,
     /// s₀, m; 0 for full resolution.
     error: f64,
-    settings: QuerySettings,
     parameters: ContactParameters,
-    /// Contacts with all scene objects that are not textured and do not move.
-    still: ContactGroup,
-    /// Contact search in fields, or the reason for the search by levels.
-    by_fields: Result<Box<ByFields>, ByLevels>,
     response: Response,
     /// Whether contacts may be constraints.
     may_constrain: bool,
-    /// Workspace of contacts that are constraints.
-    guard: Guard,
-    /// Distances from the scene objects, if contacts are constraints.
-    pairs: Pairs,
-    /// Texture stage, if an object is textured.
-    textures: Option<Textures>,
-    braking: bool,
-    /// Mass of the grasped object, kg.
-    mass: f64,
-    /// Bounding radius of the probe about its centre of mass, m.
-    radius: f64,
-    lookahead: Lookahead,
-    /// Time of the last step, since the one before, and between that and the one before it, s.
-    time: f64,
-    interval: f64,
-    before: f64,
+    constraints: ConstraintSearch,
+    penalties: PenaltySearch,
+    /// Pending changes of the scene and of settings.
+    live: Live,
+    timing: Timing,
     telemetry: ContactTelemetry,
     /// What has run so far.
     ran: Ran,
-    /// Feed of the contact monitors, if there are any, and the search for the patches that touch.
-    monitored: Option<MonitorFeed>,
-    patches: Patches,
+    shown: Shown,
+}
+
+/// When the loop steps.
+#[derive(Clone, Copy, Debug)]
+struct Timing {
+    /// Time of the last step, s.
+    time: f64,
+    /// Times between the last step and the one before, and between that and the one before it, s.
+    interval: f64,
+    before: f64,
+}
+
+impl Timing {
+    /// Before the first step.
+    const NONE: Self = Self { time: f64::NAN, interval: f64::NAN, before: f64::NAN };
+
+    /// A step at a time (s).
+    fn pass(&mut self, time: f64) {
+        *self = Self { time, interval: time - self.time, before: self.interval };
+    }
 }
 
 impl ContactLoop {
@@ -194,49 +182,39 @@ impl ContactLoop {
             surfaces.for_each(|object| drop(object.features()));
         }
         let radius = probe.radius_about(center_of_mass);
-        let (query, objects) = place_objects(probe, scene);
-        let with_places = objects_of(&objects);
+        let objects = SceneObjects::new(probe, scene, RESERVED);
+        let with_places = objects.by_place();
         let textures = Textures::new(probe, &with_places, settings, parameters.tolerance, radius)?;
         let by_fields = choose(probe, &with_places, parameters.tolerance, settings)?;
         let recesses = textures.as_ref().map_or_else(Vec::new, Textures::recesses);
-        let objects_with_probe = std::iter::once(probe).chain(scene.iter().map(|placed| &placed.object));
-        let error = if any_refined(objects_with_probe) { error } else { 0.0 };
+        let error =
+            if any_refined(objects.iter().map(|known| &known.object).chain([probe])) { error } else { 0.0 };
         Ok(Self {
-            center_of_mass,
-            scene: query,
-            proxy: Proxy::new(body, center_of_mass, radius, parameters.tolerance, recesses, proxy),
             probe: probe.clone(),
-            objects,
-            on_loan: Vec::new(),
-            moving: Vec::new(),
-            fastest: 0.0,
-            predicted: None,
-            edits: None,
-            editor: None,
-            tunings: None,
-            tuning: None,
+            center_of_mass,
+            radius,
+            mass: body.mass,
+            scene: objects,
             all_settings: *settings,
             error,
-            settings: query_settings(parameters.tolerance, error, interpolation, query_budget),
             parameters,
-            still: ContactGroup::with_still(clusters, probe.bounding_radius()),
-            by_fields,
             response: settings.contact.response,
             may_constrain: true,
-            guard: Guard::new(),
-            pairs: Pairs::default(),
-            textures,
-            braking,
-            mass: body.mass,
-            radius,
-            lookahead: Lookahead::new(braking || proxy, parameters.tolerance, radius),
-            time: f64::NAN,
-            interval: f64::NAN,
-            before: f64::NAN,
+            constraints: ConstraintSearch { guard: Guard::new(), pairs: Pairs::default() },
+            penalties: PenaltySearch {
+                proxy: Proxy::new(body, center_of_mass, radius, parameters.tolerance, recesses, proxy),
+                settings: query_settings(parameters.tolerance, error, interpolation, query_budget),
+                still: ContactGroup::with_still(clusters, probe.bounding_radius()),
+                by_fields,
+                textures,
+                braking,
+                lookahead: Lookahead::new(braking || proxy, parameters.tolerance, radius),
+            },
+            live: Live::default(),
+            timing: Timing::NONE,
             telemetry: ContactTelemetry::default(),
             ran: Ran { objects: scene.len(), ..Ran::default() },
-            monitored: None,
-            patches: Patches::new(),
+            shown: Shown { monitored: None, patches: Patches::new() },
         })
     }
 
@@ -254,11 +232,10 @@ impl ContactLoop {
     /// The same for an object that the hand pulls ([`HapticLoop::pull`](crate::HapticLoop::pull)): without
     /// it, one that lags behind a fast hand near surfaces may wait for contacts.
     pub fn step_pulled(&mut self, body: &BodyState, pull: &Pull, time: f64) -> ContactUpdate {
-        self.before = self.interval;
-        self.interval = time - std::mem::replace(&mut self.time, time);
-        self.on_loan.retain_mut(OnLoan::is_held);
+        self.timing.pass(time);
+        self.scene.on_loan.retain_mut(OnLoan::is_held);
         self.make_edits();
-        self.tune(self.interval);
+        self.tune(self.timing.interval);
         self.move_objects(body, time);
         let geometry = if self.response == Response::Constraints { self.guard(body, pull) } else { None };
         let guards_all = geometry.is_some() && self.guards_all();
@@ -272,7 +249,7 @@ impl ContactLoop {
         if let Some(geometry) = &geometry {
             self.show_guarded(geometry, &(body.pose * Pose::from_translation(-self.center_of_mass)));
         }
-        if let Some(monitored) = &mut self.monitored {
+        if let Some(monitored) = &mut self.shown.monitored {
             monitored.publish();
         }
         ContactUpdate { geometry, ..update }
@@ -280,20 +257,18 @@ impl ContactLoop {
 
     /// The groups of contacts: that of all still objects, then those of each moving object.
     fn groups(&self) -> impl Iterator<Item = &ContactGroup> {
-        let moving =
-            self.moving.iter().filter_map(|&place| Some(&self.objects[place].as_ref()?.moving.as_ref()?.1));
-        std::iter::once(&self.still).chain(moving)
+        std::iter::once(&self.penalties.still).chain(self.scene.groups())
     }
 
     /// Whether contacts are found in fields.
     pub(crate) fn is_by_fields(&self) -> bool {
-        self.by_fields.is_ok() && self.textures.is_none()
+        self.penalties.is_by_fields()
     }
 
     /// The error of contacts found in fields, m, or the reason why they are found by levels.
     pub(crate) fn search(&self) -> Result<f64, &ByLevels> {
-        match &self.by_fields {
-            Ok(_) if self.textures.is_some() => Err(&ByLevels::Texture),
+        match &self.penalties.by_fields {
+            Ok(_) if self.penalties.textures.is_some() => Err(&ByLevels::Texture),
             found => found.as_ref().map(|fields| fields.needs.error()),
         }
     }
@@ -302,27 +277,27 @@ impl ContactLoop {
     pub(crate) fn use_penalties(&mut self) {
         (self.response, self.may_constrain) = (Response::Penalty, false);
         self.all_settings.contact.response = Response::Penalty;
-        if matches!(self.by_fields, Err(ByLevels::Constraints)) {
-            let objects = objects_of(&self.objects);
+        if matches!(self.penalties.by_fields, Err(ByLevels::Constraints)) {
+            let objects = self.scene.by_place();
             // It fails if the contact error is out of range, which was checked when the session was made.
             if let Ok(found) = choose(&self.probe, &objects, self.parameters.tolerance, &self.all_settings) {
-                self.by_fields = found;
+                self.penalties.by_fields = found;
             }
         }
     }
 
     pub(crate) fn set_tunings(&mut self, tunings: Consumer<ContactTuning>) {
-        self.tunings = Some(tunings);
+        self.live.tunings = Some(tunings);
     }
 
     /// Makes a monitor that receives the contacts in another thread, from the next step on. There may be
     /// several.
     pub fn contact_monitor(&mut self) -> ContactMonitor {
-        match &mut self.monitored {
+        match &mut self.shown.monitored {
             Some(monitored) => monitored.add_monitor(),
             None => {
                 let (monitored, monitor) = MonitorFeed::new();
-                self.monitored = Some(monitored);
+                self.shown.monitored = Some(monitored);
                 monitor
             }
         }
@@ -330,7 +305,7 @@ impl ContactLoop {
 
     /// Whether there is a contact monitor.
     pub(crate) fn is_watched(&self) -> bool {
-        self.monitored.is_some()
+        self.shown.monitored.is_some()
     }
 
     /// Error threshold s₀, m; 0 for full resolution.
@@ -340,11 +315,11 @@ impl ContactLoop {
 
     /// Name of the backend of textured contacts; `None` without textures.
     pub(crate) fn texture_backend(&self) -> Option<&str> {
-        self.textures.as_ref().map(Textures::backend)
+        self.penalties.textures.as_ref().map(Textures::backend)
     }
 
     pub(crate) fn set_texture_backend(&mut self, backend: Box<dyn Backend>) {
-        if let Some(textures) = &mut self.textures {
+        if let Some(textures) = &mut self.penalties.textures {
             textures.set_backend(backend);
         }
     }
@@ -359,8 +334,8 @@ impl ContactLoop {
     /// Memory that the query workspaces and the objects' fields hold, bytes; the objects' hierarchies are not
     /// counted.
     pub fn workspace_bytes(&self) -> usize {
-        let fields = self.by_fields.as_ref().map_or(0, |fields| fields.bytes());
-        self.scene.bytes() + self.pairs.bytes() + fields
+        let fields = self.penalties.by_fields.as_ref().map_or(0, |fields| fields.bytes());
+        self.scene.query.bytes() + self.constraints.pairs.bytes() + fields
     }
 
     /// Telemetry since the start.
@@ -371,21 +346,6 @@ impl ContactLoop {
     pub(crate) fn telemetry_mut(&mut self) -> &mut ContactTelemetry {
         &mut self.telemetry
     }
-}
-
-/// Puts the scene objects into a query for the probe, with workspaces for the first [`RESERVED`] of them.
-fn place_objects(probe: &Object, scene: &[Placed]) -> (SceneQuery, Vec<Option<InScene>>) {
-    let mut query = SceneQuery::new(probe.shape());
-    let mut objects = Vec::with_capacity(scene.len());
-    for (index, Placed { object, pose }) in scene.iter().enumerate() {
-        let handle = query.add(object.shape(), pose);
-        objects.push(Some(InScene::new(SceneId(index), handle, object)));
-    }
-    for (index, placed) in scene.iter().enumerate().take(RESERVED) {
-        let same = |other: &&Placed| Arc::ptr_eq(&other.object.clod, &placed.object.clod);
-        query.reserve(placed.object.shape(), scene[..=index].iter().filter(same).count());
-    }
-    (query, objects)
 }
 
 /// Whether some object has levels of detail; an object of one hull has no detail to leave out.

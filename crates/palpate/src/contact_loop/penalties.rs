@@ -1,7 +1,7 @@
 //! The step of the contact loop that finds penalty contacts, those of its proxy, and assembles their model:
 //! each group is reduced to few contacts, whose gains are limited.
 
-use palpate_collide::{Cluster, PatchContact, QuerySettings, SceneQuery};
+use palpate_collide::{Cluster, PatchContact, QuerySettings};
 use palpate_core::glam::DVec3;
 use palpate_core::{Contact, Pose, Twist};
 use palpate_dynamics::{
@@ -9,29 +9,70 @@ use palpate_dynamics::{
     LinearContactModel, MovingBody,
 };
 
-use super::monitor::{ContactForce, MonitorFeed};
+use super::monitor::ContactForce;
 use super::{ContactLoop, ContactUpdate};
 use crate::penalties::group::{ContactGroup, Counterpart};
-use crate::penalties::in_scene::InScene;
+use crate::penalties::lookahead::Lookahead;
 use crate::penalties::merging::Plane;
-use crate::penalties::proxy::{LevelFinder, carried, motion_between};
+use crate::penalties::proxy::{LevelFinder, Proxy, carried, motion_between};
 use crate::penalties::textures::Textures;
-use crate::search::by_fields::{FieldFinder, in_steps};
+use crate::search::ByLevels;
+use crate::search::by_fields::{ByFields, FieldFinder, in_steps};
+
+/// The search for penalty contacts, with its workspaces.
+#[derive(Debug)]
+pub(super) struct PenaltySearch {
+    pub proxy: Proxy,
+    pub settings: QuerySettings,
+    /// Contacts with all scene objects that are not textured and do not move.
+    pub still: ContactGroup,
+    /// Contact search in fields, or the reason for the search by levels.
+    pub by_fields: Result<Box<ByFields>, ByLevels>,
+    /// Texture stage, if an object is textured.
+    pub textures: Option<Textures>,
+    pub braking: bool,
+    pub lookahead: Lookahead,
+}
+
+impl PenaltySearch {
+    /// Whether contacts are found in fields.
+    pub fn is_by_fields(&self) -> bool {
+        self.by_fields.is_ok() && self.textures.is_none()
+    }
+
+    /// Whether the object at a place, or the probe with it, is textured.
+    pub fn is_textured(&self, place: usize) -> bool {
+        self.textures.as_ref().is_some_and(|textures| textures.has(place))
+    }
+
+    /// Discards the contacts found so far: the scene has changed.
+    pub fn scene_has_changed(&mut self) {
+        self.proxy.scene_has_changed();
+        if let Ok(fields) = &mut self.by_fields {
+            fields.scene_has_changed();
+        }
+    }
+
+    /// Gives the proxy the recesses of the textures.
+    pub fn keep_recesses(&mut self) {
+        self.proxy.set_recesses(self.textures.as_ref().map_or_else(Vec::new, Textures::recesses));
+    }
+}
 
 impl ContactLoop {
     /// Finds the contacts that are penalty contacts, for the grasped object's state at `time` (s).
     pub(super) fn find_penalties(&mut self, body: &BodyState, time: f64) -> ContactUpdate {
-        let interval = self.interval;
-        let ahead = self.lookahead.horizon(interval);
+        let interval = self.timing.interval;
+        let ahead = self.penalties.lookahead.horizon(interval);
         let tolerance = self.parameters.tolerance;
-        let near = tolerance + self.textures.as_ref().map_or(0.0, Textures::protrusion);
-        let lag = self.lookahead.limited_lag(self.proxy.lag());
-        let motion = self.lookahead.motion_bound(&body.twist, self.fastest, ahead);
+        let near = tolerance + self.penalties.textures.as_ref().map_or(0.0, Textures::protrusion);
+        let lag = self.penalties.lookahead.limited_lag(self.penalties.proxy.lag());
+        let motion = self.penalties.lookahead.motion_bound(&body.twist, self.scene.fastest, ahead);
         let behind = if self.is_by_fields() { in_steps(lag, tolerance) } else { lag };
         let reach = (near + behind + motion).min(self.max_reach());
         self.move_proxy(&body.pose, reach);
-        let depths = self.proxy.contacts().map(|found| found.contact.contact.depth);
-        self.lookahead.adapt((motion, lag), near, depths);
+        let depths = self.penalties.proxy.contacts().map(|found| found.contact.contact.depth);
+        self.penalties.lookahead.adapt((motion, lag), near, depths);
         self.sort(body, ahead);
         self.show_patches(time);
         let probe_pose = body.pose * Pose::from_translation(-self.center_of_mass);
@@ -55,13 +96,14 @@ impl ContactLoop {
     /// Moves the proxy towards a pose of the body, with contacts found within a reach (m), and counts the
     /// queries' events.
     fn move_proxy(&mut self, goal: &Pose, reach: f64) {
-        let Self { proxy, scene, .. } = self;
-        let report = match &mut self.by_fields {
-            Ok(by_fields) if self.textures.is_none() => {
+        let scene = &mut self.scene.query;
+        let PenaltySearch { proxy, settings, by_fields, textures, .. } = &mut self.penalties;
+        let report = match by_fields {
+            Ok(by_fields) if textures.is_none() => {
                 proxy.follow(goal, &mut FieldFinder { by_fields, scene, reach })
             }
             _ => {
-                let settings = QuerySettings { tolerance: reach, ..self.settings };
+                let settings = QuerySettings { tolerance: reach, ..*settings };
                 proxy.follow(goal, &mut LevelFinder { scene, settings })
             }
         };
@@ -74,8 +116,8 @@ impl ContactLoop {
 
     /// Largest reach of the contact search, m.
     fn max_reach(&self) -> f64 {
-        match &self.by_fields {
-            Ok(fields) if self.textures.is_none() => fields.max_reach(),
+        match &self.penalties.by_fields {
+            Ok(fields) if self.penalties.textures.is_none() => fields.max_reach(),
             _ => self.probe.shape().max_tolerance(),
         }
     }
@@ -85,27 +127,24 @@ impl ContactLoop {
     /// the still objects.
     fn sort(&mut self, body: &BodyState, ahead: f64) {
         let tolerance = self.parameters.tolerance;
-        self.still.clear();
-        for &place in &self.moving {
-            if let Some(InScene { moving: Some(moving), .. }) = &mut self.objects[place] {
-                moving.1.clear();
-            }
-        }
-        let textured = |object| self.textures.as_ref().is_some_and(|textures| textures.has(object));
         let (response, mass) = (self.response, self.mass);
-        for found in self.proxy.contacts().filter(|found| !textured(found.object)) {
-            let contact = carried(&found.contact.contact, self.proxy.pose(), &body.pose);
+        let PenaltySearch { proxy, still, textures, braking, .. } = &mut self.penalties;
+        still.clear();
+        self.scene.groups_mut().for_each(ContactGroup::clear);
+        let textured = |object| textures.as_ref().is_some_and(|textures| textures.has(object));
+        for found in proxy.contacts().filter(|found| !textured(found.object)) {
+            let contact = carried(&found.contact.contact, proxy.pose(), &body.pose);
             let patch = PatchContact { contact, ..found.contact };
-            let (with, group) = match moving_group(&mut self.objects, &self.scene, found.object) {
+            let (with, group) = match self.scene.group_of(found.object) {
                 Some(moving) => moving,
-                None => (Counterpart::Still, &mut self.still),
+                None => (Counterpart::Still, &mut *still),
             };
             if with.is_constraint(response, mass) {
                 continue;
             }
             if contact.depth > -tolerance {
                 group.touching.push(patch);
-            } else if self.braking && comes_within(&contact, body, &with.body(), tolerance, ahead) {
+            } else if *braking && comes_within(&contact, body, &with.body(), tolerance, ahead) {
                 group.add_approaching(patch);
             }
         }
@@ -113,36 +152,43 @@ impl ContactLoop {
 
     /// Adds the planes of representative contacts to a model, each with its share of the gains.
     fn push_represented(&mut self, model: &mut LinearContactModel, body: &BodyState, interval: f64) {
-        let Ok(fields) = &mut self.by_fields else { return };
+        let Ok(fields) = &mut self.penalties.by_fields else { return };
         let to_mesh = Pose::from_translation(-self.center_of_mass);
-        let poses = (self.proxy.pose(), &body.pose);
+        let poses = (self.penalties.proxy.pose(), &body.pose);
         let tolerance = self.parameters.tolerance;
-        let objects = (&mut self.still, self.objects.as_mut_slice(), self.moving.as_slice());
-        let planes = fields.planes(poses, self.proxy.lag(), &to_mesh, tolerance, &mut self.scene, objects);
+        let objects =
+            (&mut self.penalties.still, self.scene.objects.as_mut_slice(), self.scene.moving.as_slice());
+        let planes = fields.planes(
+            poses,
+            self.penalties.proxy.lag(),
+            &to_mesh,
+            tolerance,
+            &mut self.scene.query,
+            objects,
+        );
         let count_of = |place: Option<usize>| planes.iter().filter(|(of, _)| *of == place).count();
         for &(place, Plane { contact, weight, radius }) in planes {
             let gains = shared(&self.parameters, weight);
             let patch = ContactPatch { contact, radius };
-            let with = counterpart(&self.objects, &self.scene, place);
+            let with = self.scene.counterpart(place);
             if with.is_constraint(self.response, self.mass) {
                 continue;
             }
             let count = place.map_or(1, |_| count_of(place));
             let gains = with.gains(&gains, (contact.point, contact.normal), count, interval);
             model.push(ContactClass::Touching, patch, &gains, &with.body());
-            show(&mut self.monitored, &contact, &gains);
+            self.shown.add(&contact, &gains);
         }
     }
 
     /// Adds the clusters of all groups' contacts within d to a model.
     fn push_touching(&mut self, model: &mut LinearContactModel, probe_pose: &Pose, interval: f64) {
-        let Self { objects, scene, moving, still, monitored, parameters, .. } = self;
-        let mut show =
-            |cluster: &Cluster, gains: &ContactParameters| show(monitored, &cluster.contact, gains);
+        let Self { scene, penalties, shown, parameters, .. } = self;
+        let mut show = |cluster: &Cluster, gains: &ContactParameters| shown.add(&cluster.contact, gains);
         let at = (probe_pose, interval);
-        still.push_touching(model, &Counterpart::Still, parameters, at, &mut show);
-        for &place in moving.iter() {
-            if let Some((with, group)) = moving_group(objects, scene, place) {
+        penalties.still.push_touching(model, &Counterpart::Still, parameters, at, &mut show);
+        for index in 0..scene.moving.len() {
+            if let Some((with, group)) = scene.group_of(scene.moving[index]) {
                 group.push_touching(model, &with, parameters, at, &mut show);
             }
         }
@@ -156,10 +202,10 @@ impl ContactLoop {
         at: (&Pose, f64),
         ahead: (f64, f64),
     ) {
-        let Self { objects, scene, moving, still, .. } = self;
-        still.push_approaching(model, &Counterpart::Still, braking, at, ahead);
-        for &place in moving.iter() {
-            if let Some((with, group)) = moving_group(objects, scene, place) {
+        let Self { scene, penalties, .. } = self;
+        penalties.still.push_approaching(model, &Counterpart::Still, braking, at, ahead);
+        for index in 0..scene.moving.len() {
+            if let Some((with, group)) = scene.group_of(scene.moving[index]) {
                 group.push_approaching(model, &with, braking, at, ahead);
             }
         }
@@ -176,17 +222,17 @@ impl ContactLoop {
         interval: f64,
         ahead: f64,
     ) -> usize {
-        let Some(textures) = &mut self.textures else { return 0 };
+        let Some(textures) = &mut self.penalties.textures else { return 0 };
         let tolerance = self.parameters.tolerance;
         textures.clear();
         let mut coarse = 0;
-        for found in self.proxy.found() {
+        for found in self.penalties.proxy.found() {
             coarse += usize::from(textures.take(found.object, &found.contact, tolerance));
         }
-        let pose = *self.proxy.pose();
+        let pose = *self.penalties.proxy.pose();
         let mesh = pose * Pose::from_translation(-self.center_of_mass);
-        let object_at = |place: usize| self.objects.get(place)?.as_ref();
-        let pose_of = |place: usize| self.scene.pose(object_at(place)?.handle).copied();
+        let object_at = |place: usize| self.scene.get(place);
+        let pose_of = |place: usize| self.scene.query.pose(object_at(place)?.handle).copied();
         let events = &mut self.telemetry.events;
         let motion = motion_between(&pose, &body.pose);
         for found in textures.run(&mesh, pose.translation, pose_of, tolerance, events) {
@@ -194,19 +240,19 @@ impl ContactLoop {
             // The depth is found at the proxy; the body feels its expansion at its own pose.
             let now = found.depth_after(&motion);
             let normal = linear.normalize_or_zero();
-            let with = counterpart(&self.objects, &self.scene, Some(found.object));
+            let with = self.scene.counterpart(Some(found.object));
             let moving_body = with.body();
             let twist = relative_twist(&body.twist, pose.translation, &moving_body);
             let (class, gains) = if now > -tolerance {
                 *depth = depth.max(now);
                 let missed = found.is_undersampled(&twist, pose.translation, interval);
                 events.texture_undersampled += u64::from(missed);
-                if let Some(monitored) = &mut self.monitored {
+                if let Some(monitored) = &mut self.shown.monitored {
                     let force = linear * (-self.parameters.stiffness * found.share * (now + tolerance));
                     monitored.snapshot().add_force(ContactForce { point, normal, force, depth: now });
                 }
                 (ContactClass::Touching, &self.parameters)
-            } else if self.braking && now + found.rate(&twist) * ahead > -tolerance {
+            } else if self.penalties.braking && now + found.rate(&twist) * ahead > -tolerance {
                 (ContactClass::Approaching { braking_time: ahead }, braking)
             } else {
                 continue;
@@ -246,37 +292,4 @@ fn relative_twist(twist: &Twist, center: DVec3, object: &MovingBody) -> Twist {
         linear: twist.linear - object.twist.velocity_at(center),
         angular: twist.angular - object.twist.angular,
     }
-}
-
-/// The scene's side of contacts with the object at a place; still objects' without one.
-pub(super) fn counterpart<'a>(
-    objects: &'a [Option<InScene>],
-    scene: &SceneQuery,
-    place: Option<usize>,
-) -> Counterpart<'a> {
-    let moving = || {
-        let InScene { id, handle, moving, .. } = objects.get(place?)?.as_ref()?;
-        Some(Counterpart::Moving { object: &moving.as_ref()?.0, id: *id, pose: *scene.pose(*handle)? })
-    };
-    moving().unwrap_or(Counterpart::Still)
-}
-
-/// The group of contacts with the moving object at a place, and the scene's side of it; none if the object
-/// stands still.
-fn moving_group<'a>(
-    objects: &'a mut [Option<InScene>],
-    scene: &SceneQuery,
-    place: usize,
-) -> Option<(Counterpart<'a>, &'a mut ContactGroup)> {
-    let InScene { id, handle, moving, .. } = objects.get_mut(place)?.as_mut()?;
-    let (object, group) = moving.as_deref_mut()?;
-    Some((Counterpart::Moving { object, id: *id, pose: *scene.pose(*handle)? }, group))
-}
-
-/// Adds the penalty force −k (δ + d) **n** of a contact to the snapshot, if there is a monitor.
-fn show(monitored: &mut Option<MonitorFeed>, contact: &Contact, gains: &ContactParameters) {
-    let Some(monitored) = monitored else { return };
-    let Contact { point, normal, depth, .. } = *contact;
-    let force = normal * (-gains.stiffness * (depth + gains.tolerance));
-    monitored.snapshot().add_force(ContactForce { point, normal, force, depth });
 }

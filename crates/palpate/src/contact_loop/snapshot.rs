@@ -1,19 +1,39 @@
 //! The touching patches in snapshots for contact monitors.
 
 use palpate_collide::PatchContact;
-use palpate_core::Pose;
+use palpate_core::{Contact, Pose};
+use palpate_dynamics::ContactParameters;
 
 use super::ContactLoop;
-use super::monitor::TouchingPatches;
-use super::touching::MAX_SHOWN;
+use super::monitor::{ContactForce, MonitorFeed, TouchingPatches};
+use super::touching::{MAX_SHOWN, Patches};
 use crate::constraints::geometry::ContactGeometry;
 use crate::penalties::in_scene::InScene;
 use crate::penalties::proxy::ProxyContact;
 
+/// What contact monitors see.
+#[derive(Debug)]
+pub(super) struct Shown {
+    /// Feed of the monitors, if there are any.
+    pub monitored: Option<MonitorFeed>,
+    /// The search for the patches that touch.
+    pub patches: Patches,
+}
+
+impl Shown {
+    /// Adds the penalty force −k (δ + d) **n** of a contact to the snapshot, if there is a monitor.
+    pub fn add(&mut self, contact: &Contact, gains: &ContactParameters) {
+        let Some(monitored) = &mut self.monitored else { return };
+        let Contact { point, normal, depth, .. } = *contact;
+        let force = normal * (-gains.stiffness * (depth + gains.tolerance));
+        monitored.snapshot().add_force(ContactForce { point, normal, force, depth });
+    }
+}
+
 impl ContactLoop {
     /// Begins a snapshot at a time (s).
     pub(super) fn begin_snapshot(&mut self, time: f64) {
-        if let Some(monitored) = &mut self.monitored {
+        if let Some(monitored) = &mut self.shown.monitored {
             monitored.begin(time);
         }
     }
@@ -22,28 +42,30 @@ impl ContactLoop {
     /// patches, for contacts in fields the patches at the deepest contacts.
     pub(super) fn show_patches(&mut self, time: f64) {
         let is_by_fields = self.is_by_fields();
-        let Some(monitored) = &mut self.monitored else { return };
+        let Some(monitored) = &mut self.shown.monitored else { return };
         let snapshot = monitored.begin(time);
         let is_near = |found: &&ProxyContact| found.contact.contact.depth > -self.parameters.tolerance;
         if !is_by_fields {
-            for found in self.proxy.contacts().filter(is_near) {
+            for found in self.penalties.proxy.contacts().filter(is_near) {
                 let PatchContact { probe_node, scene_node, weight, .. } = found.contact;
-                let object = self.objects.get(found.object).and_then(Option::as_ref);
+                let object = self.scene.objects.get(found.object).and_then(Option::as_ref);
                 let object = object.map_or(found.object, |object| object.id.0);
                 snapshot.add_patches(TouchingPatches { object, probe_node, scene_node, weight });
             }
             return;
         }
-        self.patches.choose(self.proxy.contacts().filter(is_near));
-        let probe = (*self.proxy.pose() * Pose::from_translation(-self.center_of_mass)).inverse();
-        for index in 0..self.patches.deepest.len() {
+        self.shown.patches.choose(self.penalties.proxy.contacts().filter(is_near));
+        let probe = (*self.penalties.proxy.pose() * Pose::from_translation(-self.center_of_mass)).inverse();
+        for index in 0..self.shown.patches.deepest.len() {
             let ProxyContact { contact: PatchContact { contact, .. }, object, .. } =
-                self.patches.deepest[index];
-            let Some(Some(InScene { id, handle, object, .. })) = self.objects.get(object) else { continue };
-            let Some(scene) = self.scene.pose(*handle) else { continue };
-            let own = self.patches.leaf_at(&self.probe.clod, probe.transform_point(contact.point));
+                self.shown.patches.deepest[index];
+            let Some(Some(InScene { id, handle, object, .. })) = self.scene.objects.get(object) else {
+                continue;
+            };
+            let Some(scene) = self.scene.query.pose(*handle) else { continue };
+            let own = self.shown.patches.leaf_at(&self.probe.clod, probe.transform_point(contact.point));
             let at = scene.inverse().transform_point(contact.scene_point);
-            let other = self.patches.leaf_at(&object.clod, at);
+            let other = self.shown.patches.leaf_at(&object.clod, at);
             if let (Some(probe_node), Some(scene_node)) = (own, other) {
                 snapshot.add_patches(TouchingPatches { object: id.0, probe_node, scene_node, weight: 1.0 });
             }
@@ -52,7 +74,7 @@ impl ContactLoop {
 
     /// Adds the patches at the nearest guarded points to the snapshot, with the mesh's frame at a pose.
     pub(super) fn show_guarded(&mut self, geometry: &ContactGeometry, mesh: &Pose) {
-        let Some(monitored) = &mut self.monitored else { return };
+        let Some(monitored) = &mut self.shown.monitored else { return };
         let snapshot = monitored.snapshot();
         let frames = geometry.frames(mesh);
         // They are sorted by distance.
@@ -60,10 +82,10 @@ impl ContactLoop {
         for point in near.take(MAX_SHOWN) {
             let at = usize::from(point.object);
             let (Some(frames), Some(near)) = (frames.get(at), geometry.objects.get(at)) else { continue };
-            let Some(Some(InScene { id, object, .. })) = self.objects.get(near.place) else { continue };
+            let Some(Some(InScene { id, object, .. })) = self.scene.objects.get(near.place) else { continue };
             let [on_probe, on_object] = point.ends(frames);
-            let own = self.patches.leaf_at(&self.probe.clod, on_probe);
-            let other = self.patches.leaf_at(&object.clod, on_object);
+            let own = self.shown.patches.leaf_at(&self.probe.clod, on_probe);
+            let other = self.shown.patches.leaf_at(&object.clod, on_object);
             if let (Some(probe_node), Some(scene_node)) = (own, other) {
                 snapshot.add_patches(TouchingPatches { object: id.0, probe_node, scene_node, weight: 1.0 });
             }

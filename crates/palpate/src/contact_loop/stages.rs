@@ -31,12 +31,12 @@ impl ContactLoop {
 
     /// The scene objects.
     pub(crate) fn scene_objects(&self) -> impl Iterator<Item = &Object> {
-        self.objects.iter().flatten().map(|InScene { object, .. }| object)
+        self.scene.iter().map(|InScene { object, .. }| object)
     }
 
     /// Stages of the loop and what runs in each, with the settings as they are.
     pub(crate) fn stages(&self, settings: &Settings) -> [(&'static str, String); 10] {
-        let of_penalties = |on: bool, how: &str| match (self.penalties(), on) {
+        let of_penalties = |on: bool, how: &str| match (self.by_penalties(), on) {
             (Penalties::None, _) => "off: contacts are constraints".to_owned(),
             (_, false) => "off: by its setting".to_owned(),
             (Penalties::Some(with), true) => format!("{how}, for penalties with {with}"),
@@ -64,7 +64,7 @@ impl ContactLoop {
         let Settings { contact, search, detail, textures, .. } = settings;
         let (default, default_search) = (ContactSettings::default(), SearchSettings::default());
         let by_fields = self.is_by_fields();
-        let constraints = match self.penalties() {
+        let constraints = match self.by_penalties() {
             Penalties::None => Some("contacts are constraints"),
             _ => None,
         };
@@ -72,7 +72,7 @@ impl ContactLoop {
         let fields = by_fields.then_some("contacts are found in distance fields");
         let levels = (!by_fields).then_some("contacts are found by levels of detail");
         let whole = (detail.error == 0.0 && detail.query_budget.is_none()).then_some("no detail is left out");
-        let plain = self.textures.is_none().then_some("no object has a haptic texture");
+        let plain = self.penalties.textures.is_none().then_some("no object has a haptic texture");
         let penalties = (!self.may_constrain).then_some("the integrator takes penalty contacts alone");
         let given = [
             ("contact.response", contact.response == Response::Constraints, penalties),
@@ -92,7 +92,7 @@ impl ContactLoop {
     }
 
     /// Objects that contacts are penalties with.
-    fn penalties(&self) -> Penalties {
+    fn by_penalties(&self) -> Penalties {
         match self.response {
             Response::Penalty if !self.may_constrain => {
                 return Penalties::All("the integrator takes penalty contacts alone");
@@ -103,8 +103,8 @@ impl ContactLoop {
             }
             Response::Constraints => {}
         }
-        let textured = |place| self.textures.as_ref().is_some_and(|textures| textures.has(place));
-        let places = self.objects.iter().enumerate().filter(|(place, _)| !self.is_guarded(*place));
+        let textured = |place| self.penalties.is_textured(place);
+        let places = self.scene.objects.iter().enumerate().filter(|(place, _)| !self.is_guarded(*place));
         let mut named: Vec<String> = places
             .filter_map(|(place, object)| {
                 let why = if textured(place) { "textured" } else { "light" };
@@ -121,7 +121,7 @@ impl ContactLoop {
     }
 
     fn response_stage(&self) -> String {
-        match self.penalties() {
+        match self.by_penalties() {
             Penalties::None => "constraints".to_owned(),
             Penalties::Some(with) => format!("constraints; penalties with {with}"),
             Penalties::Before => "constraints; penalties before".to_owned(),
@@ -148,7 +148,7 @@ impl ContactLoop {
                 format!("distance fields, depth error about {percent:.2} % of the probe's radius")
             }
         };
-        match self.penalties() {
+        match self.by_penalties() {
             Penalties::All(_) => found,
             Penalties::None => "on the meshes: contacts are constraints".to_owned(),
             _ => format!("on the meshes; for penalties: {found}"),
@@ -157,7 +157,7 @@ impl ContactLoop {
 
     fn interpolation_stage(&self, settings: &Settings) -> String {
         let error = self.error();
-        if self.penalties() == Penalties::None {
+        if self.by_penalties() == Penalties::None {
             "off: constraints are found at full resolution".to_owned()
         } else if error > 0.0 && self.is_by_fields() {
             "off: contacts are found in distance fields".to_owned()
@@ -175,7 +175,7 @@ impl ContactLoop {
     fn budget_stage(&self, settings: &Settings) -> String {
         match settings.detail.query_budget {
             None => "off: no limit is set".to_owned(),
-            Some(_) if self.penalties() == Penalties::None => {
+            Some(_) if self.by_penalties() == Penalties::None => {
                 "off: constraints are found without a limit".to_owned()
             }
             Some(seconds) => format!("on: at most {} µs each", 1e6 * seconds),

@@ -2,15 +2,16 @@
 
 use std::sync::Arc;
 
-use palpate_collide::ObjectHandle;
+use palpate_collide::{ObjectHandle, SceneQuery};
 use palpate_core::Twist;
 use palpate_core::glam::DVec3;
 use palpate_field::FeatureMesh;
 
-use super::group::ContactGroup;
-use crate::scene::SceneId;
+use super::group::{ContactGroup, Counterpart};
+use crate::constraints::geometry::PredictedMotion;
 use crate::scene::moving::MovingObject;
 use crate::scene::object::Object;
+use crate::scene::{Placed, SceneId};
 
 /// An object of the scene.
 #[derive(Debug)]
@@ -67,7 +68,84 @@ impl OnLoan {
     }
 }
 
-/// The objects by their places in the query.
-pub(crate) fn objects_of(objects: &[Option<InScene>]) -> Vec<Option<&Object>> {
-    objects.iter().map(|place| place.as_ref().map(|object| &object.object)).collect()
+/// The scene objects by their places in the contact query.
+#[derive(Debug)]
+pub(crate) struct SceneObjects {
+    pub query: SceneQuery,
+    pub objects: Vec<Option<InScene>>,
+    /// Places of those that move or can be moved.
+    pub moving: Vec<usize>,
+    /// Bound on the speed of any point of the moving ones near the body, m/s.
+    pub fastest: f64,
+    /// Motion of those that contacts push, by the haptic loop.
+    pub predicted: Option<triple_buffer::Output<PredictedMotion>>,
+    /// Surfaces of removed ones that the haptic loop may still hold. Large ones take milliseconds to free,
+    /// which is done here once it has let go.
+    pub on_loan: Vec<OnLoan>,
+}
+
+impl SceneObjects {
+    /// Puts objects into a query for a probe, with workspaces for the first `reserved` of them.
+    pub fn new(probe: &Object, scene: &[Placed], reserved: usize) -> Self {
+        let mut query = SceneQuery::new(probe.shape());
+        let mut objects = Vec::with_capacity(scene.len());
+        for (index, Placed { object, pose }) in scene.iter().enumerate() {
+            let handle = query.add(object.shape(), pose);
+            objects.push(Some(InScene::new(SceneId(index), handle, object)));
+        }
+        for (index, placed) in scene.iter().enumerate().take(reserved) {
+            let same = |other: &&Placed| Arc::ptr_eq(&other.object.clod, &placed.object.clod);
+            query.reserve(placed.object.shape(), scene[..=index].iter().filter(same).count());
+        }
+        let (moving, on_loan) = (Vec::new(), Vec::new());
+        Self { query, objects, moving, fastest: 0.0, predicted: None, on_loan }
+    }
+
+    /// Those that there are.
+    pub fn iter(&self) -> impl Iterator<Item = &InScene> {
+        self.objects.iter().flatten()
+    }
+
+    /// The object at a place.
+    pub fn get(&self, place: usize) -> Option<&InScene> {
+        self.objects.get(place)?.as_ref()
+    }
+
+    /// Place of an object.
+    pub fn place_of(&self, id: SceneId) -> Option<usize> {
+        self.objects.iter().position(|object| object.as_ref().is_some_and(|object| object.id == id))
+    }
+
+    /// The objects alone, by their places.
+    pub fn by_place(&self) -> Vec<Option<&Object>> {
+        self.objects.iter().map(|place| place.as_ref().map(|known| &known.object)).collect()
+    }
+
+    /// The scene's side of contacts with the object at a place; still objects' without one.
+    pub fn counterpart(&self, place: Option<usize>) -> Counterpart<'_> {
+        let moving = || {
+            let InScene { id, handle, moving, .. } = self.get(place?)?;
+            let pose = *self.query.pose(*handle)?;
+            Some(Counterpart::Moving { object: &moving.as_ref()?.0, id: *id, pose })
+        };
+        moving().unwrap_or(Counterpart::Still)
+    }
+
+    /// The groups of contacts with the moving objects.
+    pub fn groups(&self) -> impl Iterator<Item = &ContactGroup> {
+        self.moving.iter().filter_map(|&place| Some(&self.get(place)?.moving.as_ref()?.1))
+    }
+
+    /// The same, to change.
+    pub fn groups_mut(&mut self) -> impl Iterator<Item = &mut ContactGroup> {
+        self.objects.iter_mut().flatten().filter_map(|known| Some(&mut known.moving.as_mut()?.1))
+    }
+
+    /// The group of contacts with the moving object at a place, and the scene's side of it; `None` if the
+    /// object stands still.
+    pub fn group_of(&mut self, place: usize) -> Option<(Counterpart<'_>, &mut ContactGroup)> {
+        let InScene { id, handle, moving, .. } = self.objects.get_mut(place)?.as_mut()?;
+        let (object, group) = moving.as_deref_mut()?;
+        Some((Counterpart::Moving { object, id: *id, pose: *self.query.pose(*handle)? }, group))
+    }
 }

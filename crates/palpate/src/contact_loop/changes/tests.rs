@@ -109,22 +109,22 @@ fn a_replacement_that_is_refused_leaves_the_object_as_it_was() {
     editor.replace(floor, &sheet(), DOWN).expect("room");
     assert_eq!(near(&step(&mut contact, 1e-3)), 1, "the floor is gone");
     assert_eq!(contact.telemetry().events.edit_refused, 1);
-    let kept = contact.objects.iter().flatten().next().expect("the floor");
+    let kept = contact.scene.iter().next().expect("the floor");
     assert_eq!((kept.id, kept.object.name.as_str()), (floor, "floor"));
     let is_moved = kept.moving.as_ref().is_some_and(|moving| moving.0.center_of_mass().is_some());
-    assert!(is_moved && contact.moving.len() == 1, "its dynamics are kept");
+    assert!(is_moved && contact.scene.moving.len() == 1, "its dynamics are kept");
     // One that is not refused takes its place, with its dynamics; and it can still be moved and removed.
     editor.replace(floor, &block("other"), DOWN).expect("room");
     assert_eq!(near(&step(&mut contact, 2e-3)), 1);
-    let kept = contact.objects.iter().flatten().next().expect("the other one");
+    let kept = contact.scene.iter().next().expect("the other one");
     let is_moved = kept.moving.as_ref().is_some_and(|moving| moving.0.center_of_mass().is_some());
-    assert!(kept.object.name == "other" && is_moved && contact.moving.len() == 1);
+    assert!(kept.object.name == "other" && is_moved && contact.scene.moving.len() == 1);
     editor.remove(floor).expect("known");
-    assert_eq!((near(&step(&mut contact, 3e-3)), contact.moving.len()), (0, 0));
+    assert_eq!((near(&step(&mut contact, 3e-3)), contact.scene.moving.len()), (0, 0));
     // An object that is refused leaves nothing behind.
     editor.add(&sheet(), DOWN).expect("room");
     assert_eq!(near(&step(&mut contact, 4e-3)), 0);
-    assert_eq!(contact.objects.iter().flatten().count(), 0);
+    assert_eq!(contact.scene.iter().count(), 0);
     assert_eq!(contact.telemetry().events.edit_refused, 2);
 }
 
@@ -155,7 +155,7 @@ fn a_replacement_with_a_texture_that_is_refused_leaves_the_object_as_it_was() {
         editor.replace(floor, &refused, DOWN).expect("room");
         let after = felt(&mut contact);
         assert_eq!(contact.telemetry().events.edit_refused, 1);
-        let kept = contact.objects.iter().flatten().next().expect("the floor");
+        let kept = contact.scene.iter().next().expect("the floor");
         assert_eq!((kept.id, kept.object.name.as_str()), (floor, "floor"));
         let is_as_before = after.1.distance(before.1) < 1e-9 && (after.0 - before.0).abs() < 1e-12;
         assert!(is_as_before && (after.2, &after.3) == (before.2, &before.3), "{after:?}, {before:?}");
@@ -193,7 +193,7 @@ fn contact_steps_find_added_objects_prepared() {
     editor.add(&added, DOWN).expect("room");
     assert!(added.known_features().is_none());
     editor.prepare_constraints();
-    let of_floor = contact.objects.iter().flatten().next().and_then(|floor| floor.object.known_features());
+    let of_floor = contact.scene.iter().next().and_then(|floor| floor.object.known_features());
     assert!(added.known_features().is_some() && of_floor.is_some());
 }
 
@@ -214,10 +214,10 @@ fn surfaces_of_removed_objects_are_kept_until_the_haptic_loop_lets_go() {
     editor.remove(SceneId(0)).expect("known");
     for count in 1..=3 {
         drop(step(&mut contact, 1e-3 * f64::from(count)));
-        assert_eq!((surface.strong_count(), contact.on_loan.len()), (2, 1), "held by the two loops");
+        assert_eq!((surface.strong_count(), contact.scene.on_loan.len()), (2, 1), "held by the two loops");
     }
     drop(held);
     assert_eq!(surface.strong_count(), 1, "the haptic loop was not the last one");
     drop(step(&mut contact, 1.0));
-    assert_eq!((surface.strong_count(), contact.on_loan.len()), (0, 0));
+    assert_eq!((surface.strong_count(), contact.scene.on_loan.len()), (0, 0));
 }
