@@ -526,14 +526,17 @@ impl GuardedPoint {
         (-slopes[0] * share > min_descent).then_some(share as f32)
     }
 
-    /// Goes where another point is `now` that was at the same features, if it is at rest there whatever its
-    /// leash: so would this one be, as far as its own leash lets it go there.
-    pub fn follow(&mut self, (was, now): (&Self, &Self), frames: &Frames<'_>) -> bool {
+    /// Goes where another point is `now` that was at the same features, and no further than a distance (m) from
+    /// this one, if it is at rest there whatever its leash: so would this one be, as far as its own leash lets
+    /// it go there.
+    pub fn follow(&mut self, (was, now): (&Self, &Self), frames: &Frames<'_>, within: f64) -> bool {
         let on = |point: &Self| (point.is_probe, MeshFeature::from(point.place));
-        let is_beside = on(self) == on(was) && (self.face, self.edge) == (was.face, was.edge);
+        if on(self) != on(was) || on(now) != on(was) || (self.face, self.edge) != (was.face, was.edge) {
+            return false;
+        }
         let own = frames.sides(self.is_probe).own;
-        let follows =
-            is_beside && now.is_free && on(now) == on(was) && self.leash.holds(own.position(&now.place));
+        let [here, there, to] = [self, was, now].map(|point| own.position(&point.place));
+        let follows = now.is_free && here.distance_squared(there) <= within * within && self.leash.holds(to);
         if follows {
             *self = Self { leash: self.leash, object: self.object, ..*now };
         }

@@ -15,7 +15,7 @@ use palpate_field::ClosestPoint;
 
 use super::{
     APART, CLEAR, ContactGeometry, LANES, MAX_LOOKS, MAX_OBJECTS, MAX_POINTS, MAX_RESERVES, NearObject,
-    OBJECT_REACH, StepContacts, StepMotion, is_level,
+    OBJECT_REACH, SAME_PLACE, StepContacts, StepMotion, is_level,
 };
 use crate::constraints::guarded_point::{Frames, GuardedPoint, Measured, Reserve, below};
 
@@ -83,8 +83,8 @@ pub(super) struct Reached<'a> {
     pub own: usize,
 }
 
-/// A point that has come to rest in a step. Those that were at the same features follow it there: points from
-/// all sides end at the minimum that holds the body.
+/// A point that has come to rest in a step. Those that were at the same place follow it there: points from all
+/// sides end at the minimum that holds the body.
 pub(super) struct Lead {
     was: GuardedPoint,
     now: GuardedPoint,
@@ -280,7 +280,7 @@ impl Points {
     ) {
         let (point, slack) = (&mut self.guarded[usize::from(key)], &mut self.slacks[usize::from(key)]);
         if let Some(Lead { was, now, is_near }) = lead
-            && point.follow((was, now), &at.frames)
+            && point.follow((was, now), &at.frames, SAME_PLACE * found.radius)
         {
             *slack = point.slack;
             if *is_near && found.near.try_push(key).is_err() {

@@ -167,7 +167,7 @@ fn points_at_the_same_features_go_on_together() {
         let by_itself = measure(&mut alone, (&roof, &end), object);
         let own = frames.own(is_probe);
         let [now, mut next] = points;
-        let follows = next.follow((&was, &now), &frames);
+        let follows = next.follow((&was, &now), &frames, 1e-6);
         let leash = alone.leash();
         assert_eq!(follows, leash.holds(own.position(&now.place)), "round {round}");
         let apart = own.position(&alone.place).distance(own.position(&now.place));
@@ -181,12 +181,17 @@ fn points_at_the_same_features_go_on_together() {
             // One that its leash holds leads none that may go on.
             let (mut held, mut on) = (short, was);
             measure(&mut held, (&roof, &end), object);
-            assert!(!on.follow((&short, &held), &frames), "round {round}: {held:?}");
+            assert!(!on.follow((&short, &held), &frames, 1e-6), "round {round}: {held:?}");
         }
+        // Nor does one lead another elsewhere on its edge: where that lies on a face, both hold it.
+        let mut along = new((DVec3::X * 1e-3, 0.1), is_probe, &starting);
+        along.place = own.place_near(DVec3::X * 1e-3);
+        (along.face, along.edge) = (was.face, was.edge);
+        assert!(!along.follow((&was, &now), &frames, 1e-6), "round {round}");
         // From another feature, nothing is known of where it goes.
         let mut elsewhere = new((DVec3::new(0.0, 0.02, -0.02), 0.1), is_probe, &starting);
         elsewhere.place = own.place_near(DVec3::new(0.03, 0.02, -0.02));
-        assert!(!elsewhere.follow((&was, &now), &frames), "round {round}");
+        assert!(!elsewhere.follow((&was, &now), &frames, 1e-6), "round {round}");
     }
     assert!(led > 100 && leashed > 30, "{led} and {leashed}");
 }
