@@ -10,6 +10,7 @@ mod contact;
 mod conversions;
 pub mod mesh;
 mod motion;
+pub mod triangle;
 
 pub use clod::Clod;
 pub use contact::Contact;

@@ -9,6 +9,7 @@ use std::collections::HashMap;
 use arrayvec::ArrayVec;
 use glam::DVec3;
 use palpate_core::TriMesh;
+use palpate_core::triangle::{TriangleFeature, nearest_on_triangle};
 use wide::f32x4;
 
 /// Largest number of triangles of a leaf, and of children of a node: one for each SIMD lane.
@@ -41,7 +42,7 @@ pub struct ExactDistance {
 }
 
 /// A point of the surface with its feature and its triangle.
-type Found = ((DVec3, Feature), u32);
+type Found = ((DVec3, TriangleFeature), u32);
 
 /// Corners of up to four triangles: the last one stands for those that are missing.
 #[derive(Clone, Copy, Debug)]
@@ -123,15 +124,15 @@ impl ExactDistance {
 
     /// The point of the surface nearest to a point, m. `hint` is that of a search nearby, or 0.
     pub fn nearest(&self, p: DVec3, hint: u32) -> Nearest {
-        let start = closest(p, &self.triangles[hint as usize]);
+        let start = nearest_on_triangle(p, &self.triangles[hint as usize]);
         let start_squared = start.0.distance_squared(p);
         let (((point, feature), hint), squared) =
             self.search(p, start_squared).unwrap_or(((start, hint), start_squared));
         let Pseudonormals { index: triangle, face, edges, vertices } = &self.normals[hint as usize];
         let (triangle, normal) = match feature {
-            Feature::Face => (*triangle, face),
-            Feature::Edge(edge) => (*triangle, &edges[edge]),
-            Feature::Vertex(vertex) => (*triangle, &vertices[vertex]),
+            TriangleFeature::Face => (*triangle, face),
+            TriangleFeature::Side(edge) => (*triangle, &edges[edge]),
+            TriangleFeature::Corner(vertex) => (*triangle, &vertices[vertex]),
         };
         let inside = normal.dot(p - point) < 0.0;
         let distance = squared.sqrt();
@@ -176,7 +177,7 @@ impl ExactDistance {
                     let Some(lane) = nearest.filter(|lane| distances[*lane] <= most) else { break };
                     near &= !(1 << lane);
                     let triangle = first + lane as u32;
-                    let found = closest(p, &self.triangles[triangle as usize]);
+                    let found = nearest_on_triangle(p, &self.triangles[triangle as usize]);
                     let distance = found.0.distance_squared(p);
                     if distance < squared {
                         (best, squared) = (Some((found, triangle)), distance);
@@ -386,49 +387,6 @@ impl Node {
     }
 }
 
-/// Feature of a triangle on which a point lies.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Feature {
-    Face,
-    Edge(usize),
-    Vertex(usize),
-}
-
-/// The point of a triangle nearest to a point (Ericson 2005, §5.1.5).
-pub(crate) fn closest(p: DVec3, &[a, b, c]: &[DVec3; 3]) -> (DVec3, Feature) {
-    // Voronoi regions of the corners and edges in turn; va, vb, vc are barycentric coordinates times their
-    // sum.
-    let (ab, ac, ap) = (b - a, c - a, p - a);
-    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
-    if d1 <= 0.0 && d2 <= 0.0 {
-        return (a, Feature::Vertex(0));
-    }
-    let bp = p - b;
-    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
-    if d3 >= 0.0 && d4 <= d3 {
-        return (b, Feature::Vertex(1));
-    }
-    let vc = d1 * d4 - d3 * d2;
-    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-        return (a + ab * (d1 / (d1 - d3)), Feature::Edge(0));
-    }
-    let cp = p - c;
-    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
-    if d6 >= 0.0 && d5 <= d6 {
-        return (c, Feature::Vertex(2));
-    }
-    let vb = d5 * d2 - d1 * d6;
-    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
-        return (a + ac * (d2 / (d2 - d6)), Feature::Edge(2));
-    }
-    let va = d3 * d6 - d5 * d4;
-    if va <= 0.0 && d4 >= d3 && d5 >= d6 {
-        return (b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6))), Feature::Edge(1));
-    }
-    let sum = va + vb + vc;
-    (a + ab * (vb / sum) + ac * (vc / sum), Feature::Face)
-}
-
 fn with_pseudonormals(mesh: &TriMesh) -> Vec<Triangle> {
     let normal = |corners: [DVec3; 3]| (corners[1] - corners[0]).cross(corners[2] - corners[0]);
     let mut of_vertex = vec![DVec3::ZERO; mesh.vertices().len()];
@@ -503,7 +461,7 @@ mod tests {
                 let found = distance.nearest(point, hint);
                 hint = found.hint;
                 let all = (0..mesh.triangles().len())
-                    .map(|t| closest(point, &mesh.corners(t)).0.distance(point))
+                    .map(|t| nearest_on_triangle(point, &mesh.corners(t)).0.distance(point))
                     .fold(f64::INFINITY, f64::min);
                 assert!((found.distance.abs() - all).abs() < 1e-12 * sphere.radius, "{found:?}, {all}");
                 assert!((found.point.distance(point) - all).abs() < 1e-12 * sphere.radius);
@@ -515,30 +473,6 @@ mod tests {
                 inside += usize::from(found.distance < 0.0);
             }
             assert!((50..250).contains(&inside), "{inside} inside");
-        }
-    }
-
-    #[test]
-    fn closest_points_against_a_grid() {
-        let mut rng = StdRng::seed_from_u64(0xE8AD);
-        for round in 0..300 {
-            let mut random = || DVec3::from_array(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
-            let (p, corners) = (2.0 * random(), [random(), random(), random()]);
-            let (point, feature) = closest(p, &corners);
-            let [a, b, c] = corners;
-            let n = 60;
-            let mut least = f64::INFINITY;
-            for i in 0..=n {
-                for j in 0..=n - i {
-                    let (u, v) = (f64::from(i) / f64::from(n), f64::from(j) / f64::from(n));
-                    least = least.min(p.distance(a + (b - a) * u + (c - a) * v));
-                }
-            }
-            let found = point.distance(p);
-            assert!(found <= least + 1e-12 && found >= least - 0.05, "round {round}: {found} {least}");
-            if let Feature::Vertex(vertex) = feature {
-                assert_eq!(point, corners[vertex]);
-            }
         }
     }
 }

@@ -13,9 +13,10 @@ use std::ops::Range;
 
 use glam::DVec3;
 use palpate_core::TriMesh;
+use palpate_core::triangle::{TriangleFeature, nearest_on_triangle};
 
 pub use self::tree::{FeatureTree, Node};
-use crate::exact::{ExactDistance, Feature, closest};
+use crate::exact::ExactDistance;
 
 /// Index of no face.
 const NONE: u32 = u32::MAX;
@@ -367,7 +368,7 @@ impl FeatureMesh {
 
     fn walk_over_faces(&self, p: DVec3, face: u32) -> ClosestPoint {
         let at = |face: u32| {
-            let (point, feature) = closest(p, &self.corners(face));
+            let (point, feature) = nearest_on_triangle(p, &self.corners(face));
             (point, feature, point.distance_squared(p))
         };
         let mut current = face;
@@ -384,13 +385,13 @@ impl FeatureMesh {
             };
             match on {
                 // From inside, a face next to it may be nearer without an edge between being so.
-                Feature::Face if normal.dot(p - from) < 0.0 => {
+                TriangleFeature::Face if normal.dot(p - from) < 0.0 => {
                     let around = corners.iter().flat_map(|corner| self.faces_around.of(*corner));
                     around.for_each(|face| visit(*face));
                 }
-                Feature::Face => {}
-                Feature::Edge(edge) if neighbours[edge] == NONE => {}
-                Feature::Edge(edge) => {
+                TriangleFeature::Face => {}
+                TriangleFeature::Side(edge) if neighbours[edge] == NONE => {}
+                TriangleFeature::Side(edge) => {
                     // Not nearer than the edge on its own side of it.
                     let [start, end] = [edge, (edge + 1) % 3].map(|i| self.vertices[corners[i] as usize]);
                     let across = self.faces[neighbours[edge] as usize].normal;
@@ -398,7 +399,7 @@ impl FeatureMesh {
                         visit(neighbours[edge]);
                     }
                 }
-                Feature::Vertex(vertex) => {
+                TriangleFeature::Corner(vertex) => {
                     let vertex = corners[vertex];
                     // If no edge leads nearer, no face between them does.
                     let outgoing = &self.outgoing[self.edges_around.range(vertex)];
@@ -418,7 +419,7 @@ impl FeatureMesh {
     #[cold]
     fn search(&self, p: DVec3) -> ClosestPoint {
         let face = self.exact.nearest(p, 0).triangle;
-        let (point, feature) = closest(p, &self.corners(face));
+        let (point, feature) = nearest_on_triangle(p, &self.corners(face));
         self.conclude(p, face, point, feature, point.distance(p))
     }
 
@@ -481,28 +482,35 @@ impl FeatureMesh {
             .filter(is_within)
     }
 
-    fn conclude(&self, p: DVec3, face: u32, point: DVec3, feature: Feature, distance: f64) -> ClosestPoint {
+    fn conclude(
+        &self,
+        p: DVec3,
+        face: u32,
+        point: DVec3,
+        feature: TriangleFeature,
+        distance: f64,
+    ) -> ClosestPoint {
         let own = &self.faces[face as usize];
         let outward = match feature {
-            Feature::Face => own.normal,
-            Feature::Edge(edge) => {
+            TriangleFeature::Face => own.normal,
+            TriangleFeature::Side(edge) => {
                 let other = own.neighbours[edge];
                 let across = if other == NONE { own.normal } else { self.faces[other as usize].normal };
                 (own.normal + across).normalize_or(own.normal)
             }
-            Feature::Vertex(vertex) => self.normals[own.corners[vertex] as usize],
+            TriangleFeature::Corner(vertex) => self.normals[own.corners[vertex] as usize],
         };
         let sign = if outward.dot(p - point) < 0.0 { -1.0 } else { 1.0 };
         // Over a face the direction is the face's normal, at any distance.
         let normal = match feature {
-            Feature::Face => outward,
+            TriangleFeature::Face => outward,
             _ if distance >= self.min_directed => (p - point) * (sign / distance),
             _ => outward,
         };
         let feature = match feature {
-            Feature::Face => MeshFeature::Face(face),
-            Feature::Edge(edge) => MeshFeature::Edge(own.edges[edge]),
-            Feature::Vertex(vertex) => MeshFeature::Vertex(own.corners[vertex]),
+            TriangleFeature::Face => MeshFeature::Face(face),
+            TriangleFeature::Side(edge) => MeshFeature::Edge(own.edges[edge]),
+            TriangleFeature::Corner(vertex) => MeshFeature::Vertex(own.corners[vertex]),
         };
         ClosestPoint { point, distance: sign * distance, normal, face, feature }
     }

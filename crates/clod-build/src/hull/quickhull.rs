@@ -1,10 +1,10 @@
 //! Quickhull proper, in buffers that are kept from one hull to the next.
 
 use glam::DVec3;
+use palpate_core::triangle::nearest_on_triangle;
 
 use super::{Hull, Shape, elevation, planar};
 use crate::box_tree::bounds_of;
-use crate::nearest::nearest_on_triangle;
 
 const NONE: u32 = u32::MAX;
 
@@ -194,7 +194,7 @@ impl HullBuilder {
             }
             if elevation > 0.0 && !on {
                 let p = points[point as usize];
-                let nearest = nearest_on_triangle(p, corners.map(|v| points[v as usize]));
+                let nearest = nearest_on_triangle(p, &corners.map(|v| points[v as usize])).0;
                 on = nearest.distance(p) <= MAX_ON_FACE_DISTANCE * thickness;
                 beside = Some((face, elevation));
             }

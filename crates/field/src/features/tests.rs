@@ -22,9 +22,11 @@ fn block(edges: DVec3) -> TriMesh {
 
 /// The least distance of a point from the triangles that meet at a place on the surface.
 fn around(mesh: &TriMesh, place: DVec3, p: DVec3) -> f64 {
-    let meets = |face: usize| closest(place, &mesh.corners(face)).0.distance(place) < 1e-12;
+    let meets = |face: usize| nearest_on_triangle(place, &mesh.corners(face)).0.distance(place) < 1e-12;
     let touching = (0..mesh.triangles().len()).filter(|&face| meets(face));
-    touching.map(|other| closest(p, &mesh.corners(other)).0.distance(p)).fold(f64::INFINITY, f64::min)
+    touching
+        .map(|other| nearest_on_triangle(p, &mesh.corners(other)).0.distance(p))
+        .fold(f64::INFINITY, f64::min)
 }
 
 /// A point near the surface of a mesh, within a share of its bounding radius.

@@ -3,6 +3,7 @@
 
 use glam::DVec3;
 use palpate_core::TriMesh;
+use palpate_core::triangle::nearest_on_triangle;
 use serde::Serialize;
 
 use super::orientation::winding_number;
@@ -89,8 +90,9 @@ fn lost_area(mesh: &TriMesh, lost: &[[DVec3; 3]]) -> f64 {
             for j in 0..2 * (n - i) - 1 {
                 let third = if j % 2 == 0 { 1.0 / 3.0 } else { 2.0 / 3.0 };
                 let point = a + u * (i as f64 + third) + v * ((j / 2) as f64 + third);
+                let distance = |corners: [DVec3; 3]| nearest_on_triangle(point, &corners).0.distance(point);
                 boxes.touching([point - near, point + near], &tree, &mut found);
-                let held = found.iter().any(|t| distance(point, corners(*t as usize)) <= near)
+                let held = found.iter().any(|t| distance(corners(*t as usize)) <= near)
                     || winding_number((0..count).map(corners), point) > 0.5;
                 gone += usize::from(!held);
             }
@@ -99,19 +101,4 @@ fn lost_area(mesh: &TriMesh, lost: &[[DVec3; 3]]) -> f64 {
         lost_there += own * gone as f64 / (n * n) as f64;
     }
     if tested > 0.0 { 0.5 * total * lost_there / tested } else { 0.0 }
-}
-
-/// Distance of a point from a triangle.
-fn distance(point: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
-    let normal = (b - a).cross(c - a);
-    let inside = [[a, b], [b, c], [c, a]].iter().all(|[p, q]| normal.cross(*q - *p).dot(point - *p) >= 0.0);
-    if inside && normal != DVec3::ZERO {
-        return (point - a).dot(normal.normalize()).abs();
-    }
-    let from_side = |p: DVec3, q: DVec3| {
-        let line = q - p;
-        let share = ((point - p).dot(line) / line.length_squared()).clamp(0.0, 1.0);
-        point.distance(p + line * if share.is_nan() { 0.0 } else { share })
-    };
-    from_side(a, b).min(from_side(b, c)).min(from_side(c, a))
 }

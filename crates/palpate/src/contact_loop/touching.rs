@@ -2,6 +2,7 @@
 
 use palpate_core::Clod;
 use palpate_core::glam::DVec3;
+use palpate_core::triangle::nearest_on_triangle;
 
 use crate::penalties::proxy::ProxyContact;
 
@@ -54,7 +55,8 @@ impl Patches {
             if node.children.is_empty() {
                 let hull = clod.hull(&node);
                 let corners = |triangle: [u32; 3]| triangle.map(|corner| hull[corner as usize]);
-                for distance in clod.patch(&node).iter().map(|triangle| distance(point, corners(triangle))) {
+                let distance = |triangle| nearest_on_triangle(point, &corners(triangle)).0.distance(point);
+                for distance in clod.patch(&node).iter().map(distance) {
                     if distance < best.1 {
                         best = (Some(index), distance);
                     }
@@ -68,22 +70,6 @@ impl Patches {
         }
         best.0
     }
-}
-
-/// Distance of a point from a triangle, m.
-fn distance(point: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
-    let sides = [(a, b), (b, c), (c, a)];
-    let normal = (b - a).cross(c - a).normalize_or_zero();
-    let is_above = sides.iter().all(|(from, to)| (*to - *from).cross(point - *from).dot(normal) >= 0.0);
-    if normal != DVec3::ZERO && is_above {
-        return (point - a).dot(normal).abs();
-    }
-    let to_side = |(from, to): (DVec3, DVec3)| {
-        let side = to - from;
-        let part = (point - from).dot(side) / side.length_squared().max(f64::MIN_POSITIVE);
-        point.distance(from + side * part.clamp(0.0, 1.0))
-    };
-    sides.into_iter().map(to_side).fold(f64::INFINITY, f64::min)
 }
 
 #[cfg(all(test, feature = "models"))]
