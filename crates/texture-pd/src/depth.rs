@@ -58,7 +58,7 @@ pub struct TextureContact {
     /// Half the side ρ of the grid, m.
     pub half_size: f64,
     /// Largest distance along **n** of undisplaced surfaces from the point, m; those farther away are
-    /// ignored.
+    /// ignored. With less than both surfaces are displaced, so is what that brings near.
     pub reach: f64,
     /// Part of the grid in which overlaps count.
     pub domain: Domain,
