@@ -97,8 +97,8 @@ pub(crate) struct Measured {
     pub point: DVec3,
     /// Unit normal out of the body in the hand, world axes.
     pub normal: DVec3,
-    /// Signed distance of the surfaces along it, negative where they overlap, m; infinite where another point
-    /// is nearer.
+    /// Signed distance of the surfaces along it, negative where they overlap, m; infinite where another
+    /// point is nearer.
     pub distance: f64,
     /// Signed distance of the point from the other surface, m.
     pub nearest: f64,
@@ -526,9 +526,9 @@ impl GuardedPoint {
         (-slopes[0] * share > min_descent).then_some(share as f32)
     }
 
-    /// Goes where another point is `now` that was at the same features, and no further than a distance (m) from
-    /// this one, if it is at rest there whatever its leash: so would this one be, as far as its own leash lets
-    /// it go there.
+    /// Goes where another point is `now` that was at the same features, and no further than a distance (m)
+    /// from this one, if it is at rest there whatever its leash: so would this one be, as far as its own
+    /// leash lets it go there.
     pub fn follow(&mut self, (was, now): (&Self, &Self), frames: &Frames<'_>, within: f64) -> bool {
         let on = |point: &Self| (point.is_probe, MeshFeature::from(point.place));
         if on(self) != on(was) || on(now) != on(was) || (self.face, self.edge) != (was.face, was.edge) {

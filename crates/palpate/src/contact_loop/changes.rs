@@ -2,8 +2,7 @@
 
 use palpate_core::glam::DVec3;
 use palpate_core::{Pose, Twist};
-use palpate_dynamics::{BodyState, ContactParameters};
-use rtrb::Consumer;
+use palpate_dynamics::BodyState;
 
 use super::{ContactLoop, any_refined, query_settings};
 use crate::constraints::geometry::PredictedMotion;
@@ -17,17 +16,6 @@ use crate::scene::object::Object;
 use crate::search::unfit;
 use crate::settings::live::{ContactTuning, Ramp};
 use crate::settings::{ContactSearch, Response};
-
-/// What changes the scene and the settings while the loop runs.
-#[derive(Debug, Default)]
-pub(super) struct Live {
-    /// Pending changes of the scene, and the editor that sends them.
-    edits: Option<Consumer<Edit>>,
-    editor: Option<SceneEditor>,
-    pub tunings: Option<Consumer<ContactTuning>>,
-    /// Ramp of gains and s₀ to tuned ones.
-    tuning: Option<Ramp<(ContactParameters, f64)>>,
-}
 
 impl ContactLoop {
     /// Puts a scene object at a pose (mesh frame to world) from the next step on; `false` if it does not

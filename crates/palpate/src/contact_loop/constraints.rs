@@ -16,7 +16,7 @@ use crate::constraints::geometry::{
 use crate::constraints::guard::{Guard, Limits, Start};
 use crate::constraints::guarded_point::{GuardedPoint, OVERLAP};
 use crate::constraints::near_features::{NearFeature, Reaches};
-use crate::constraints::pairs::{Found, Pairs, Pull};
+use crate::constraints::pairs::{Found, Pull};
 use crate::penalties::in_scene::InScene;
 
 /// Edge of the cells in each of which a point starts, in bounding radii of the body. With larger cells, local
@@ -99,14 +99,6 @@ const MAX_READINGS: usize = 32_768;
 /// Share of them that is kept for starts that are known. With less, points start by older distances where
 /// much is new; with more, what is new waits.
 const FOR_STARTS: f64 = 0.25;
-
-/// What the search for constraints knows from step to step.
-#[derive(Debug)]
-pub(super) struct ConstraintSearch {
-    pub guard: Guard,
-    /// Distances from the scene objects.
-    pub pairs: Pairs,
-}
 
 impl ContactLoop {
     /// Whether contacts with the object at a place are constraints. Contacts with light objects that they

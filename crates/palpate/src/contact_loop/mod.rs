@@ -8,6 +8,7 @@ pub(crate) mod monitor;
 mod penalties;
 mod snapshot;
 mod stages;
+mod state;
 mod touching;
 
 use std::time::Duration;
@@ -19,10 +20,7 @@ use palpate_dynamics::{Body, BodyState, ContactParameters, LinearContactModel};
 use palpate_texture_pd::Backend;
 use rtrb::Consumer;
 
-use self::changes::Live;
-use self::constraints::ConstraintSearch;
-use self::penalties::PenaltySearch;
-use self::snapshot::Shown;
+use self::state::{ConstraintSearch, Live, PenaltySearch, Shown, Timing};
 use self::touching::Patches;
 use crate::constraints::geometry::ContactGeometry;
 use crate::constraints::guard::Guard;
@@ -143,26 +141,6 @@ pub struct ContactLoop {
     /// What has run so far.
     ran: Ran,
     shown: Shown,
-}
-
-/// When the loop steps.
-#[derive(Clone, Copy, Debug)]
-struct Timing {
-    /// Time of the last step, s.
-    time: f64,
-    /// Times between the last step and the one before, and between that and the one before it, s.
-    interval: f64,
-    before: f64,
-}
-
-impl Timing {
-    /// Before the first step.
-    const NONE: Self = Self { time: f64::NAN, interval: f64::NAN, before: f64::NAN };
-
-    /// A step at a time (s).
-    fn pass(&mut self, time: f64) {
-        *self = Self { time, interval: time - self.time, before: self.interval };
-    }
 }
 
 impl ContactLoop {

@@ -10,54 +10,13 @@ use palpate_dynamics::{
 };
 
 use super::monitor::ContactForce;
+use super::state::PenaltySearch;
 use super::{ContactLoop, ContactUpdate};
 use crate::penalties::group::{ContactGroup, Counterpart};
-use crate::penalties::lookahead::Lookahead;
 use crate::penalties::merging::Plane;
-use crate::penalties::proxy::{LevelFinder, Proxy, carried, motion_between};
+use crate::penalties::proxy::{LevelFinder, carried, motion_between};
 use crate::penalties::textures::Textures;
-use crate::search::ByLevels;
-use crate::search::by_fields::{ByFields, FieldFinder, in_steps};
-
-/// The search for penalty contacts, with its workspaces.
-#[derive(Debug)]
-pub(super) struct PenaltySearch {
-    pub proxy: Proxy,
-    pub settings: QuerySettings,
-    /// Contacts with all scene objects that are not textured and do not move.
-    pub still: ContactGroup,
-    /// Contact search in fields, or the reason for the search by levels.
-    pub by_fields: Result<Box<ByFields>, ByLevels>,
-    /// Texture stage, if an object is textured.
-    pub textures: Option<Textures>,
-    pub braking: bool,
-    pub lookahead: Lookahead,
-}
-
-impl PenaltySearch {
-    /// Whether contacts are found in fields.
-    pub fn is_by_fields(&self) -> bool {
-        self.by_fields.is_ok() && self.textures.is_none()
-    }
-
-    /// Whether the object at a place, or the probe with it, is textured.
-    pub fn is_textured(&self, place: usize) -> bool {
-        self.textures.as_ref().is_some_and(|textures| textures.has(place))
-    }
-
-    /// Discards the contacts found so far: the scene has changed.
-    pub fn scene_has_changed(&mut self) {
-        self.proxy.scene_has_changed();
-        if let Ok(fields) = &mut self.by_fields {
-            fields.scene_has_changed();
-        }
-    }
-
-    /// Gives the proxy the recesses of the textures.
-    pub fn keep_recesses(&mut self) {
-        self.proxy.set_recesses(self.textures.as_ref().map_or_else(Vec::new, Textures::recesses));
-    }
-}
+use crate::search::by_fields::{FieldFinder, in_steps};
 
 impl ContactLoop {
     /// Finds the contacts that are penalty contacts, for the grasped object's state at `time` (s).

@@ -1,34 +1,14 @@
 //! The touching patches in snapshots for contact monitors.
 
 use palpate_collide::PatchContact;
-use palpate_core::{Contact, Pose};
-use palpate_dynamics::ContactParameters;
+use palpate_core::Pose;
 
 use super::ContactLoop;
-use super::monitor::{ContactForce, MonitorFeed, TouchingPatches};
-use super::touching::{MAX_SHOWN, Patches};
+use super::monitor::TouchingPatches;
+use super::touching::MAX_SHOWN;
 use crate::constraints::geometry::ContactGeometry;
 use crate::penalties::in_scene::InScene;
 use crate::penalties::proxy::ProxyContact;
-
-/// What contact monitors see.
-#[derive(Debug)]
-pub(super) struct Shown {
-    /// Feed of the monitors, if there are any.
-    pub monitored: Option<MonitorFeed>,
-    /// The search for the patches that touch.
-    pub patches: Patches,
-}
-
-impl Shown {
-    /// Adds the penalty force −k (δ + d) **n** of a contact to the snapshot, if there is a monitor.
-    pub fn add(&mut self, contact: &Contact, gains: &ContactParameters) {
-        let Some(monitored) = &mut self.monitored else { return };
-        let Contact { point, normal, depth, .. } = *contact;
-        let force = normal * (-gains.stiffness * (depth + gains.tolerance));
-        monitored.snapshot().add_force(ContactForce { point, normal, force, depth });
-    }
-}
 
 impl ContactLoop {
     /// Begins a snapshot at a time (s).

@@ -83,8 +83,8 @@ pub(super) struct Reached<'a> {
     pub own: usize,
 }
 
-/// A point that has come to rest in a step. Those that were at the same place follow it there: points from all
-/// sides end at the minimum that holds the body.
+/// A point that has come to rest in a step. Those that were at the same place follow it there: points from
+/// all sides end at the minimum that holds the body.
 pub(super) struct Lead {
     was: GuardedPoint,
     now: GuardedPoint,
