@@ -5,16 +5,19 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
+use image::{ImageFormat, Rgb, RgbImage};
 use palpate::TriMesh;
 use palpate::clod_build::{BuildOptions, build, unwatched};
+use palpate::core::Clod;
 use palpate::mesh_io::write_obj;
 use palpate::models::Model;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");
-    let (clods, meshes) = (corpus.join("clod_load"), corpus.join("mesh_load"));
-    fs::create_dir_all(&clods)?;
-    fs::create_dir_all(&meshes)?;
+    let [clods, meshes, images] = ["clod_load", "mesh_load", "height_image"].map(|name| corpus.join(name));
+    for folder in [&clods, &meshes, &images] {
+        fs::create_dir_all(folder)?;
+    }
     for (model, triangles, simplify) in [
         (Model::Ellipsoid, 60, false),
         (Model::Ellipsoid, 100, true),
@@ -22,14 +25,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         (Model::Torus, 400, true),
     ] {
         let mesh = model.generate(triangles)?;
-        let mut clod = build(&mesh, &BuildOptions { simplify, ..BuildOptions::default() }, &mut unwatched)?;
+        let clod = build(&mesh, &BuildOptions { simplify, ..BuildOptions::default() }, &mut unwatched)?;
         let name = format!("{}-{triangles}", model.name());
         clod.write(fs::File::create(clods.join(&name))?)?;
         // With room in the spheres, damaged geometry remains valid and reaches the queries.
-        for node in &mut clod.nodes {
-            node.radius *= 1e6;
-        }
-        clod.write(fs::File::create(clods.join(name + "-loose"))?)?;
+        let mut loose = clod.parts();
+        loose.nodes.iter_mut().for_each(|node| node.radius *= 1e6);
+        Clod::pack(&loose)?.write(fs::File::create(clods.join(name + "-loose"))?)?;
     }
     let mesh = Model::Ellipsoid.generate(60)?;
     let [mut obj, mut stl, mut ply] = [vec![0], vec![1], vec![2]];
@@ -38,6 +40,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     write_ply(&mesh, &mut ply)?;
     for (name, bytes) in [("obj", obj), ("stl", stl), ("ply", ply), ("glb", glb(&mesh))] {
         fs::write(meshes.join(name), bytes)?;
+    }
+    let image = RgbImage::from_fn(9, 7, |x, y| Rgb([(28 * x) as u8, (36 * y) as u8, 100]));
+    for format in [ImageFormat::Png, ImageFormat::Jpeg, ImageFormat::WebP, ImageFormat::Tiff] {
+        image.save_with_format(images.join(format.extensions_str()[0]), format)?;
     }
     Ok(())
 }

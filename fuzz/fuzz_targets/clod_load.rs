@@ -49,7 +49,8 @@ fn try_bytes(bytes: &[u8]) {
 fn touch(clod: &Clod) {
     let sound = &*SOUND;
     let settings = QuerySettings::new(0.02 * sound.bounding_radius());
-    let mut query = ContactQuery::with_capacity(&Shape::new(clod.clone()), &Shape::new(sound.clone()), 64, 1024);
+    let mut query =
+        ContactQuery::with_capacity(&Shape::new(clod.clone()), &Shape::new(sound.clone()), 64, 1024);
     for reach in [0.0, 0.5] {
         let pose = Pose { translation: DVec3::ONE * reach * sound.bounding_radius(), ..Pose::IDENTITY };
         // A file may say that its object is smaller than the tolerance.

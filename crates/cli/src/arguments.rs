@@ -379,7 +379,8 @@ fn task(text: &str) -> Result<Task, String> {
 /// Haptic textures: fine detail that is felt from images.
 #[derive(Args)]
 pub struct Textures {
-    /// Height image (PNG, TIFF or OpenEXR) that displaces the probe, a mesh file with texture coordinates
+    /// Height image (PNG, TIFF, OpenEXR, JPEG or WebP) that displaces the probe, a mesh file with texture
+    /// coordinates
     #[arg(long, value_name = "IMAGE", requires = "amplitude", conflicts_with = "probe_detail")]
     probe_heights: Option<PathBuf>,
     /// Height image that displaces the scene's object

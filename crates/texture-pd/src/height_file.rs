@@ -1,4 +1,4 @@
-//! Height images from files: PNG, TIFF and OpenEXR.
+//! Height images from files: PNG, TIFF, OpenEXR, JPEG and WebP.
 //!
 //! Files are untrusted. Whatever the bytes, the result is an image or a one-line error that says what is
 //! wrong and what to do. Sizes in a header are checked against limits before memory is allocated.
@@ -35,11 +35,12 @@ impl HeightImage {
     /// Decodes the bytes of an image file. Returns the image and warnings for the user, one line each; `name`
     /// appears in messages.
     ///
-    /// Supported are PNG of up to 16 bits, TIFF of 8 and 16 bits and 32-bit floats, and OpenEXR, grey or
-    /// colour. Colour is converted to luma (weights of Rec. 709) and an alpha channel ignored, with a warning
-    /// if either makes a difference. An image of more than [`MAX_SIDE`] texels a side is averaged over
-    /// blocks, and texels that are not finite are filled in from their nearest neighbours, both with a
-    /// warning. Images of 8 bits or fewer cause a warning with their step in height.
+    /// Supported are PNG of up to 16 bits, TIFF of 8 and 16 bits and 32-bit floats, OpenEXR, JPEG and WebP,
+    /// grey or colour. Colour is converted to luma (weights of Rec. 709) and an alpha channel ignored, with a
+    /// warning if either makes a difference. An image of more than [`MAX_SIDE`] texels a side is averaged
+    /// over blocks, and texels that are not finite are filled in from their nearest neighbours, both with
+    /// a warning. Images of 8 bits or fewer cause a warning with their step in height, and
+    /// lossy compression causes one, too.
     ///
     /// # Errors
     /// See [`HeightFileError`].

@@ -6,7 +6,9 @@
 use std::io::Cursor;
 
 use exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
+use image::codecs::jpeg::JpegDecoder;
 use image::codecs::png::PngDecoder;
+use image::codecs::webp::WebPDecoder;
 use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageError, Limits};
 use tiff::decoder::{Decoder, DecodingResult};
 use tiff::tags::Tag;
@@ -23,6 +25,8 @@ pub(super) struct Raw {
     pub channels: usize,
     /// Bits of an integer sample in the file; 0 for floats.
     pub bits: u32,
+    /// Whether the format keeps samples only about.
+    pub is_lossy: bool,
     pub samples: Samples,
 }
 
@@ -74,10 +78,9 @@ pub(super) fn decode(bytes: &[u8], name: &str) -> Result<Raw, HeightFileError> {
         [0x89, b'P', b'N', b'G', ..] => png(bytes),
         [b'I', b'I', 42 | 43, 0, ..] | [b'M', b'M', 0, 42 | 43, ..] => tiff(bytes),
         [0x76, 0x2f, 0x31, 0x01, ..] => exr(bytes),
+        [0xff, 0xd8, 0xff, ..] => jpeg(bytes),
+        [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => webp(bytes),
         [] => return Err(HeightFileError::Format { name: name(), found: "empty" }),
-        [0xff, 0xd8, 0xff, ..] => {
-            return Err(HeightFileError::Format { name: name(), found: "a JPEG, which loses fine detail" });
-        }
         _ => return Err(HeightFileError::Format { name: name(), found: "no image of a known format" }),
     };
     let raw = decoded.map_err(|refused| match refused {
@@ -115,18 +118,47 @@ fn checked_size(width: u64, height: u64, texel_bytes: u64) -> Result<[u32; 2], R
 }
 
 fn png(bytes: &[u8]) -> Result<Raw, Refused> {
-    let broken = |error: ImageError| Refused::because(error);
     // Width and height follow the signature and the header of the first chunk. A texel takes at least a byte.
     if let Some(&[a, b, c, d, e, f, g, h]) = bytes.get(16..24) {
         let [width, height] = [[a, b, c, d], [e, f, g, h]].map(|side| u64::from(u32::from_be_bytes(side)));
         checked_size(width, height, 1)?;
     }
+    decoded(PngDecoder::with_limits(Cursor::new(bytes), limits()), false)
+}
+
+fn jpeg(bytes: &[u8]) -> Result<Raw, Refused> {
+    // The decoder fills in what is cut off. Neither marker is part of compressed data.
+    let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
+    let [start_of_scan, end] = [0xda, 0xd9].map(last);
+    if end < start_of_scan || end.is_none() {
+        return Err(Refused::because("the file is cut off"));
+    }
+    decoded(JpegDecoder::new(Cursor::new(bytes)), true)
+}
+
+fn webp(bytes: &[u8]) -> Result<Raw, Refused> {
+    // The first chunk of image data is one or the other; an extended header may be before it.
+    let lossless = bytes.windows(4).position(|tag| tag == b"VP8L");
+    let lossy = bytes.windows(4).position(|tag| tag == b"VP8 ");
+    let is_lossy = lossy.is_some_and(|lossy| lossless.is_none_or(|lossless| lossy < lossless));
+    decoded(WebPDecoder::new(Cursor::new(bytes)), is_lossy)
+}
+
+/// Limits of memory for a decoder.
+fn limits() -> Limits {
     let mut limits = Limits::default();
     limits.max_alloc = Some(MAX_BYTES);
-    let decoder = PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(broken)?;
+    limits
+}
+
+/// The image of a decoder of `image`.
+fn decoded(decoder: Result<impl ImageDecoder, ImageError>, is_lossy: bool) -> Result<Raw, Refused> {
+    let broken = |error: ImageError| Refused::because(error);
+    let mut decoder = decoder.map_err(broken)?;
     let (width, height) = decoder.dimensions();
     let texel_bytes = u64::from(decoder.color_type().bytes_per_pixel());
     checked_size(width.into(), height.into(), texel_bytes)?;
+    decoder.set_limits(limits()).map_err(broken)?;
     let bits = match decoder.original_color_type() {
         ExtendedColorType::L1 => 1,
         ExtendedColorType::L2 => 2,
@@ -144,7 +176,7 @@ fn png(bytes: &[u8]) -> Result<Raw, Refused> {
         DynamicImage::ImageRgba16(image) => (4, Samples::Word(image.into_raw())),
         other => return Err(Refused::because(format!("texels of type {:?}", other.color()))),
     };
-    Ok(Raw { width, height, channels, bits, samples })
+    Ok(Raw { width, height, channels, bits, is_lossy, samples })
 }
 
 fn tiff(bytes: &[u8]) -> Result<Raw, Refused> {
@@ -176,7 +208,7 @@ fn tiff(bytes: &[u8]) -> Result<Raw, Refused> {
         DecodingResult::F32(samples) => (0, Samples::Float(samples)),
         _ => return Err(Refused::because(format!("samples of {bits} bits of this kind are not read"))),
     };
-    Ok(Raw { width, height, channels, bits, samples })
+    Ok(Raw { width, height, channels, bits, is_lossy: false, samples })
 }
 
 /// Decodes the first layer of an EXR file: its only channel, else the channel Y, else R, G and B with or
@@ -226,5 +258,12 @@ fn exr(bytes: &[u8]) -> Result<Raw, Refused> {
             FlatSamples::U32(values) => values[at] as f32,
         }));
     }
-    Ok(Raw { width, height, channels: chosen.len(), bits: 0, samples: Samples::Float(samples) })
+    Ok(Raw {
+        width,
+        height,
+        channels: chosen.len(),
+        bits: 0,
+        is_lossy: false,
+        samples: Samples::Float(samples),
+    })
 }

@@ -39,7 +39,7 @@ pub enum HeightFileError {
         midlevel: f64,
     },
     /// The file is not in a supported format.
-    #[error("{name}: is {found}; save it as PNG, TIFF or OpenEXR")]
+    #[error("{name}: is {found}; save it as PNG, TIFF, OpenEXR, JPEG or WebP")]
     Format {
         /// Name of the image.
         name: String,

@@ -119,6 +119,12 @@ impl Reduced {
                 "heights of {bits} bits come in steps of {step:.3e} m: 16 bits or floats are smoother"
             ));
         }
+        if raw.is_lossy {
+            warnings.push(
+                "the file's compression changes heights from texel to texel: lossless files are smoother"
+                    .into(),
+            );
+        }
         warnings
     }
 }

@@ -20,8 +20,12 @@ fn decode(bytes: &[u8]) -> Result<(HeightImage, Vec<String>), HeightFileError> {
 }
 
 fn png(image: impl Into<DynamicImage>) -> Vec<u8> {
+    file(image, ImageFormat::Png)
+}
+
+fn file(image: impl Into<DynamicImage>, format: ImageFormat) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
-    image.into().write_to(&mut bytes, ImageFormat::Png).unwrap();
+    image.into().write_to(&mut bytes, format).unwrap();
     bytes.into_inner()
 }
 
@@ -79,6 +83,9 @@ fn known_values_in_all_formats() {
     let triple = |grey: &[u8]| grey.iter().flat_map(|&g| [g; 3]).collect::<Vec<_>>();
     steps(check_displacements(&png(RgbImage::from_raw(3, 2, triple(&GREY)).unwrap()), "png rgb"), "png rgb");
 
+    // Which the encoder here writes without loss.
+    let webp = file(RgbImage::from_raw(3, 2, triple(&GREY)).unwrap(), ImageFormat::WebP);
+    steps(check_displacements(&webp, "webp"), "webp");
     steps(check_displacements(&tiff::<colortype::Gray8>(3, 2, &GREY), "tiff 8"), "tiff 8");
     quiet(check_displacements(&tiff::<colortype::Gray16>(3, 2, &words()), "tiff 16"), "tiff 16");
     quiet(check_displacements(&tiff::<colortype::Gray32Float>(3, 2, &parts()), "tiff f32"), "tiff f32");
@@ -94,6 +101,24 @@ fn known_values_in_all_formats() {
     let half = FlatSamples::F16(parts().iter().map(|&part| exr::prelude::f16::from_f32(part)).collect());
     let (image, _) = decode(&exr_file(3, 2, &[("Y", half)])).unwrap();
     assert!((image.displacements()[2] - (0.2 - 0.5) * 0.002).abs() < 1e-6);
+}
+
+/// Lossy files keep smooth heights to some parts in a hundred, with a warning.
+#[test]
+fn lossy_files_are_read_with_a_warning() {
+    let ramp = GrayImage::from_fn(64, 16, |x, _| Luma([(4 * x) as u8]));
+    let (image, warnings) = decode(&file(ramp, ImageFormat::Jpeg)).unwrap();
+    assert_eq!((image.width(), image.height()), (64, 16));
+    for (at, found) in image.displacements().iter().enumerate() {
+        let expected = ((4 * (at % 64)) as f64 / 255.0 - 0.5) * AMPLITUDE;
+        assert!((f64::from(*found) - expected).abs() < 0.03 * AMPLITUDE, "{at}: {found} for {expected}");
+    }
+    assert_eq!(warnings.iter().filter(|warning| warning.contains("compression")).count(), 1, "{warnings:?}");
+    // One texel of a lossy WebP.
+    const LOSSY_WEBP: &[u8] = b"RIFF\x22\x00\x00\x00WEBPVP8 \x16\x00\x00\x000\x01\x00\x9d\x01*\x01\x00\x01\x00\x0e\xc0\xfe%\xa4\x00\x03p\x00\x00\x00\x00";
+    let (image, warnings) = decode(LOSSY_WEBP).unwrap();
+    assert_eq!((image.width(), image.height()), (1, 1));
+    assert!(warnings.iter().any(|warning| warning.contains("compression")), "{warnings:?}");
 }
 
 #[test]
@@ -206,7 +231,9 @@ fn files_without_an_image_are_refused() {
     for (bytes, part) in [
         (&b""[..], "is empty"),
         (b"height", "no image"),
-        (b"\xff\xd8\xff\xe0", "JPEG"),
+        (b"\xff\xd8\xff\xe0", "cut off"),
+        (b"\xff\xd8\xff\xda\xff\xd9", "map: "),
+        (b"RIFF\x08\0\0\0WEBPVP8 ", "map: "),
         (b"\x89PNG\r\n\x1a\n", "map: "),
         (b"II*\0", "map: "),
         (b"\x76\x2f\x31\x01", "map: "),
@@ -251,6 +278,8 @@ fn small_files() -> Vec<(&'static str, Vec<u8>)> {
     let plane = || FlatSamples::F32(parts());
     vec![
         ("png", png(ImageBuffer::<Luma<u16>, _>::from_raw(3, 2, words()).unwrap())),
+        ("jpeg", file(GrayImage::from_raw(3, 2, GREY.to_vec()).unwrap(), ImageFormat::Jpeg)),
+        ("webp", file(GrayImage::from_raw(3, 2, GREY.to_vec()).unwrap(), ImageFormat::WebP)),
         ("tiff 16", tiff::<colortype::Gray16>(3, 2, &words())),
         ("tiff f32", tiff::<colortype::Gray32Float>(3, 2, &parts())),
         ("exr", exr_file(3, 2, &[("Y", plane())])),
