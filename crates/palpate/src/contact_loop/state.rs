@@ -115,3 +115,21 @@ impl Shown {
         monitored.snapshot().add_force(ContactForce { point, normal, force, depth });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intervals_are_those_between_steps() {
+        let mut timing = Timing::NONE;
+        let after = |timing: &mut Timing, time: f64| {
+            timing.pass(time);
+            (timing.interval, timing.before)
+        };
+        assert!(after(&mut timing, 1.0).0.is_nan(), "there was no step before");
+        let (interval, before) = after(&mut timing, 1.5);
+        assert!(interval == 0.5 && before.is_nan());
+        assert_eq!(after(&mut timing, 1.75), (0.25, 0.5));
+    }
+}

@@ -149,3 +149,44 @@ impl SceneObjects {
         Some((Counterpart::Moving { object, id: *id, pose: *self.query.pose(*handle)? }, group))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::Pose;
+
+    use super::*;
+    use crate::constraints::test_meshes::block;
+
+    /// Of two objects, the one that is to move has a group of contacts and is a counterpart of its own; the
+    /// other one counts as still, and so does one that is gone.
+    #[test]
+    fn moving_objects_have_groups_of_their_own() {
+        let object = Object::from_mesh("box", &block(DVec3::splat(0.01))).expect("a box");
+        let placed = [-0.1, 0.1]
+            .map(|x| Placed { object: object.clone(), pose: Pose::from_translation(DVec3::X * x) });
+        let mut scene = SceneObjects::new(&object, &placed, 2);
+        let places = [0, 1].map(|index| scene.place_of(SceneId(index)).expect("a place"));
+        assert_eq!((scene.iter().count(), scene.groups().count(), scene.place_of(SceneId(2))), (2, 0, None));
+        let [still, moves] = places;
+        let made = (MovingObject::new(), ContactGroup::with_moving(3, 0.01));
+        scene.objects[moves].as_mut().expect("an object").moving = Some(Box::new(made));
+        scene.moving.push(moves);
+        assert!(
+            scene.group_of(still).is_none() && matches!(scene.counterpart(Some(still)), Counterpart::Still)
+        );
+        assert!(matches!(scene.counterpart(None), Counterpart::Still));
+        let Some((Counterpart::Moving { id, pose, .. }, _)) = scene.group_of(moves) else {
+            panic!("a group")
+        };
+        assert_eq!((id, pose.translation), (SceneId(1), DVec3::X * 0.1));
+        let Counterpart::Moving { id, .. } = scene.counterpart(Some(moves)) else { panic!("it moves") };
+        assert_eq!((id, scene.groups().count(), scene.groups_mut().count()), (SceneId(1), 1, 1));
+        let named: Vec<_> = scene.by_place().iter().map(Option::is_some).collect();
+        assert_eq!(named, [true, true]);
+        scene.objects[moves] = None;
+        assert!(
+            scene.group_of(moves).is_none() && matches!(scene.counterpart(Some(moves)), Counterpart::Still)
+        );
+        assert_eq!((scene.groups().count(), scene.place_of(SceneId(1))), (0, None));
+    }
+}
