@@ -13,8 +13,8 @@ pub enum TriangleFeature {
     Corner(usize),
 }
 
-/// Twice the area over the product of two sides, squared, up to which a triangle is a line: in single
-/// precision of its height, beyond which rounding puts points on the wrong side of its sides.
+/// Squared sine of the angle between two sides up to which a triangle is taken for a line. With less,
+/// rounding puts points on the wrong side of a sliver; with more, points over narrow triangles are off.
 const LINE: f64 = 1e-8;
 
 /// The point of a triangle nearest to a point, and what it is on (Ericson 2005, §5.1.5). Triangles may have

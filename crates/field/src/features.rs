@@ -29,7 +29,8 @@ const MAX_WALK: usize = 32;
 /// between parallel faces.
 const MIN_SLOPE: f64 = 1e-3;
 
-/// Sine of the angle between edges from which the place where they are nearest is not rounding.
+/// Sine of the angle between edges from which they cross. With less, the place and the normal of both are
+/// rounding.
 const MIN_ANGLE: f64 = 1e-3;
 
 /// Smallest move along an edge, as a fraction of it. With more, the place where edges cross is found too
@@ -86,6 +87,14 @@ struct Face {
     normal: DVec3,
     /// Vectors across the edges and along the face, into it.
     inward: [DVec3; 3],
+}
+
+impl Face {
+    /// The vector across one of its edges, into it.
+    #[inline(always)]
+    fn inward_from(&self, edge: u32) -> Option<&DVec3> {
+        self.edges.iter().zip(&self.inward).find_map(|(own, inward)| (*own == edge).then_some(inward))
+    }
 }
 
 /// A list for each vertex.
@@ -150,7 +159,7 @@ pub struct Leash {
 
 impl Leash {
     /// One that lets a place go anywhere.
-    pub fn longest(&self) -> Self {
+    pub fn unbounded(&self) -> Self {
         Self { length: f32::INFINITY, ..*self }
     }
 
@@ -194,6 +203,19 @@ pub fn lowest_share(risen: f64, [slope, beyond]: [f64; 2]) -> f64 {
     let share =
         if is_even { (slope / (slope - beyond)).min(0.5) } else { (risen - beyond) / (slope - beyond) };
     if beyond > 0.0 && share > 0.0 && share < 1.0 { share } else { SHORTER }
+}
+
+/// Fractions of two segments (m) at which the lines through them are nearest to each other, with the vector
+/// across both; `None` for lines along each other.
+#[inline]
+pub fn where_nearest([a, b]: [DVec3; 2], [c, d]: [DVec3; 2]) -> Option<([f64; 2], DVec3)> {
+    let (u, v, w) = (b - a, d - c, a - c);
+    let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
+    let across = u.cross(v);
+    let square = across.length_squared();
+    let (uw, vw) = (u.dot(w), v.dot(w));
+    let at = [(uv * vw - vv * uw) / square, (uu * vw - uv * uw) / square];
+    (square > MIN_ANGLE * MIN_ANGLE * uu * vv).then_some((at, across))
 }
 
 /// Whether a place leaves a vertex along a slope.
@@ -450,9 +472,9 @@ impl FeatureMesh {
         let distance = away.length();
         let sides = self.sides[edge as usize];
         let is_beside = |side: u32| {
-            let Face { edges, normal, inward, .. } = &self.faces[side as usize];
-            let inward = edges.iter().zip(inward).find(|(own, _)| **own == edge);
-            normal.dot(away) > 0.0 && inward.is_some_and(|(_, inward)| inward.dot(away) <= 0.0)
+            let face = &self.faces[side as usize];
+            let is_beyond = face.inward_from(edge).is_some_and(|inward| inward.dot(away) <= 0.0);
+            face.normal.dot(away) > 0.0 && is_beyond
         };
         let is_over = at > 0.0
             && at < 1.0
@@ -470,16 +492,10 @@ impl FeatureMesh {
     /// The place on an edge that is nearest to a line through two points (m), if that is inside of the edge
     /// and of the leash; `None` for an edge along the line, too.
     #[inline]
-    pub fn place_nearest(&self, edge: u32, [start, end]: [DVec3; 2], leash: &Leash) -> Option<Place> {
-        let [from, to] = self.ends(edge);
-        let (u, v, w) = (to - from, end - start, from - start);
-        let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
-        let square = uu * vv - uv * uv;
-        let at = (uv * v.dot(w) - vv * u.dot(w)) / square;
+    pub fn place_nearest(&self, edge: u32, line: [DVec3; 2], leash: &Leash) -> Option<Place> {
+        let ([at, _], _) = where_nearest(self.ends(edge), line)?;
         let is_within = |place: &Place| matches!(place, Place::Edge(..)) && leash.holds(self.position(place));
-        (square > MIN_ANGLE * MIN_ANGLE * uu * vv && (0.0..=1.0).contains(&at))
-            .then(|| self.on_edge(edge, at))
-            .filter(is_within)
+        (0.0..=1.0).contains(&at).then(|| self.on_edge(edge, at)).filter(is_within)
     }
 
     fn conclude(
@@ -541,9 +557,8 @@ impl FeatureMesh {
                 let along = to - from;
                 let mut rise = direction.dot(along).abs();
                 for &face in self.sides[edge as usize].iter().filter(|face| **face != NONE) {
-                    let Face { edges, inward, .. } = &self.faces[face as usize];
                     // As long as the edge.
-                    for (_, inward) in edges.iter().zip(inward).filter(|(own, _)| **own == edge) {
+                    if let Some(inward) = self.faces[face as usize].inward_from(edge) {
                         rise = rise.max(direction.dot(*inward));
                     }
                 }
@@ -817,10 +832,10 @@ impl FeatureMesh {
         let position = from + (to - from) * at;
         let mut best = (-MIN_SLOPE, None);
         for &face in self.sides[edge as usize].iter().filter(|face| **face != NONE) {
-            let Face { edges, normal: outward, inward, .. } = &self.faces[face as usize];
+            let face = &self.faces[face as usize];
+            let Face { edges, normal: outward, .. } = face;
             // Down may be out of the face, as at the lowest edge of a wall.
-            let leads_out = |(own, inward): (&u32, &DVec3)| *own == edge && inward.dot(normal) >= 0.0;
-            if edges.iter().zip(inward).any(leads_out) {
+            if face.inward_from(edge).is_some_and(|inward| inward.dot(normal) >= 0.0) {
                 continue;
             }
             let down = -normal.reject_from(*outward);

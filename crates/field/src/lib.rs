@@ -29,6 +29,7 @@ pub use bricks::DistanceField;
 pub use exact::{ExactDistance, Nearest};
 pub use features::{
     ClosestPoint, FeatureMesh, FeatureTree, Leash, MeshFeature, Node as FeatureNode, Place, lowest_share,
+    where_nearest,
 };
 pub use format::FormatError;
 pub use query::{FieldOutcome, FieldQuery, FieldSettings};

@@ -24,8 +24,8 @@ pub struct RepairEffect {
     pub area_before: f64,
     /// Area after, m².
     pub area_after: f64,
-    /// Signed volume before, m³, as in [`ValidationReport`](palpate_core::mesh::ValidationReport): parts
-    /// that overlap count each, and triangles that face inwards count negatively.
+    /// Signed volume before, m³, as in [`ValidationReport`](palpate_core::mesh::ValidationReport): parts that
+    /// overlap count each, and triangles that face inwards count negatively.
     pub volume_before: f64,
     /// Signed volume after, m³.
     pub volume_after: f64,

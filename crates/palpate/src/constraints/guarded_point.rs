@@ -97,8 +97,8 @@ pub(crate) struct Measured {
     pub point: DVec3,
     /// Unit normal out of the body in the hand, world axes.
     pub normal: DVec3,
-    /// Signed distance of the surfaces along it, negative where they overlap, m; infinite where another
-    /// point is nearer.
+    /// Signed distance of the surfaces along it, negative where they overlap, m; infinite where another point
+    /// is nearer.
     pub distance: f64,
     /// Signed distance of the point from the other surface, m.
     pub nearest: f64,
@@ -398,7 +398,7 @@ impl GuardedPoint {
         }?;
         let normal = to_own.transform_vector3(closest.normal);
         let is_lowest = |leash: &Leash| own.is_lowest(&place, normal, self.stride.into(), leash);
-        let is_free = is_lowest(&self.leash.longest());
+        let is_free = is_lowest(&self.leash.unbounded());
         (is_free || is_lowest(&self.leash)).then(|| {
             (self.place, self.face, self.is_free) = (place, closest.face, is_free);
             (position, closest)
@@ -423,7 +423,7 @@ impl GuardedPoint {
             let normal = to_own.transform_vector3(closest.normal);
             let lower = |leash: &Leash| own.descend(&self.place, normal, stride.into(), leash);
             let Some(place) = lower(&self.leash) else {
-                (is_settled, is_free) = (true, lower(&self.leash.longest()).is_none());
+                (is_settled, is_free) = (true, lower(&self.leash.unbounded()).is_none());
                 break;
             };
             let next = own.position(&place);
@@ -526,9 +526,9 @@ impl GuardedPoint {
         (-slopes[0] * share > min_descent).then_some(share as f32)
     }
 
-    /// Goes where another point is `now` that was at the same features, and no further than a distance (m)
-    /// from this one, if it is at rest there whatever its leash: so would this one be, as far as its own
-    /// leash lets it go there.
+    /// Follows another point that `was` at the same features, within a distance (m), and is at rest `now` on
+    /// any leash. This one would come to rest there, too, if its own leash reaches that far; otherwise it
+    /// stays as it is. Returns whether it has followed.
     pub fn follow(&mut self, (was, now): (&Self, &Self), frames: &Frames<'_>, within: f64) -> bool {
         let on = |point: &Self| (point.is_probe, MeshFeature::from(point.place));
         if on(self) != on(was) || on(now) != on(was) || (self.face, self.edge) != (was.face, was.edge) {

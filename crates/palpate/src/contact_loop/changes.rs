@@ -100,7 +100,7 @@ impl ContactLoop {
         if is_rendered && self.insert_field(place, object) {
             if let (Some(before), Some(old)) = (&before, old) {
                 self.let_go(old, before);
-                if self.scene.objects[place].as_ref().is_some_and(|object| object.moving.is_some()) {
+                if self.scene.get(place).is_some_and(|object| !object.stands()) {
                     self.scene.moving.push(place);
                 }
             }

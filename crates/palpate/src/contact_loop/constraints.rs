@@ -110,8 +110,7 @@ impl ContactLoop {
 
     /// Whether contacts with all objects are constraints.
     pub(super) fn guards_all(&self) -> bool {
-        (0..self.scene.objects.len())
-            .all(|place| self.scene.objects[place].is_none() || self.is_guarded(place))
+        (0..self.scene.objects.len()).all(|place| self.scene.get(place).is_none() || self.is_guarded(place))
     }
 
     /// Finds what the haptic loop needs to hold the body out of the objects that are guarded; `None` if the
@@ -239,8 +238,7 @@ impl ContactLoop {
             let (others, rest) = known.end([probe, scene], (reaches, left), pass);
             (starts.end, left, *since) = (guard.starts.len(), rest, known.since());
             let clear = clear.min(others).max(0.0);
-            let stands =
-                self.scene.objects.get(object.place).and_then(Option::as_ref).is_some_and(InScene::stands);
+            let stands = self.scene.get(object.place).is_some_and(InScene::stands);
             if stands && clear < reaches.enough {
                 far.push(FarObject { pose: object.pose, bounds: scene.bounds(), room: clear });
             } else {
@@ -278,7 +276,7 @@ impl ContactLoop {
             if geometry.objects.iter().any(|object| object.place == *place) {
                 return None;
             }
-            let object = self.scene.objects.get(*place)?.as_ref()?;
+            let object = self.scene.get(*place)?;
             if object.is_in_hand() {
                 return None;
             }

@@ -28,7 +28,7 @@ impl ContactLoop {
         if !is_by_fields {
             for found in self.penalties.proxy.contacts().filter(is_near) {
                 let PatchContact { probe_node, scene_node, weight, .. } = found.contact;
-                let object = self.scene.objects.get(found.object).and_then(Option::as_ref);
+                let object = self.scene.get(found.object);
                 let object = object.map_or(found.object, |object| object.id.0);
                 snapshot.add_patches(TouchingPatches { object, probe_node, scene_node, weight });
             }
@@ -39,7 +39,7 @@ impl ContactLoop {
         for index in 0..self.shown.patches.deepest.len() {
             let ProxyContact { contact: PatchContact { contact, .. }, object, .. } =
                 self.shown.patches.deepest[index];
-            let Some(Some(InScene { id, handle, object, .. })) = self.scene.objects.get(object) else {
+            let Some(InScene { id, handle, object, .. }) = self.scene.get(object) else {
                 continue;
             };
             let Some(scene) = self.scene.query.pose(*handle) else { continue };
@@ -62,7 +62,7 @@ impl ContactLoop {
         for point in near.take(MAX_SHOWN) {
             let at = usize::from(point.object);
             let (Some(frames), Some(near)) = (frames.get(at), geometry.objects.get(at)) else { continue };
-            let Some(Some(InScene { id, object, .. })) = self.scene.objects.get(near.place) else { continue };
+            let Some(InScene { id, object, .. }) = self.scene.get(near.place) else { continue };
             let [on_probe, on_object] = point.ends(frames);
             let own = self.shown.patches.leaf_at(&self.probe.clod, on_probe);
             let other = self.shown.patches.leaf_at(&object.clod, on_object);

@@ -18,7 +18,7 @@
 //! may not pass the plane of this one, which goes on.
 
 use palpate_core::glam::{DAffine3, DVec3};
-use palpate_field::{ClosestPoint, FeatureMesh, MeshFeature, Place};
+use palpate_field::{ClosestPoint, FeatureMesh, MeshFeature, Place, where_nearest};
 
 use super::{Descent, Frames, GuardedPoint, Measured, Sides};
 
@@ -64,8 +64,9 @@ const LEAN: f64 = 0.3;
 /// other are not held; with more, steps take longer.
 const TURNS: u32 = 4;
 
-/// Sine of the angle between edges from which they cross. With less, the normal of both is rounding.
-const CROSSING: f64 = 1e-3;
+/// Sine of the angle between faces from which the line along which they meet is told by their normals. With
+/// less, it is rounding.
+const BENT: f64 = 1e-3;
 
 /// Distance of where the other surface ends from the point that is nearest there, in lengths of the leash and
 /// of the distance between the surfaces, up to which it ends nearby. With less, points in flat parts of a
@@ -176,7 +177,7 @@ impl GuardedPoint {
         let [from, to] = sides.own.ends(edge);
         let direction = (to - from).normalize_or_zero();
         let slope = outward.dot(direction);
-        let far = self.leash.longest();
+        let far = self.leash.unbounded();
         let goes_on = |leash| sides.own.descend(&self.place, -outward, 1.0, leash).is_some();
         // What is no sharper than its surface beside it touches nothing where it is not level.
         let steep = if is_held { LEASHED } else { LEVEL };
@@ -422,21 +423,12 @@ impl GuardedPoint {
     /// direction across both is a normal of both surfaces there, up to a slope.
     fn crossing_of(&self, sides: &Sides<'_>, edge: u32, other_edge: u32, slope: f64) -> Option<Pair> {
         let Sides { own, other, to_own, to_other, .. } = *sides;
-        let [a, b] = own.ends(edge);
-        let [c, d] = other.ends(other_edge).map(|end| to_own.transform_point3(end));
-        let (u, v, w) = (b - a, d - c, a - c);
-        let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
-        let both = u.cross(v);
-        let square = both.length_squared();
-        if square <= CROSSING * CROSSING * uu * vv {
-            return None;
-        }
-        let (uw, vw) = (u.dot(w), v.dot(w));
-        let (s, t) = ((uv * vw - vv * uw) / square, (uu * vw - uv * uw) / square);
+        let [here, there] = [own.ends(edge), other.ends(other_edge).map(|end| to_own.transform_point3(end))];
+        let ([s, t], both) = where_nearest(here, there)?;
         if !(0.0..=1.0).contains(&s) || !(0.0..=1.0).contains(&t) {
             return None;
         }
-        let normal = both / square.sqrt();
+        let normal = both / both.length();
         let normal = if normal.dot(own.out_of(edge)) < 0.0 { -normal } else { normal };
         let inward = -to_other.transform_vector3(normal);
         let is_normal = |surface: &FeatureMesh, edge: u32, normal: DVec3| {
@@ -447,7 +439,7 @@ impl GuardedPoint {
         }
         let features = (MeshFeature::Edge(edge), MeshFeature::Edge(other_edge));
         let normal = self.level_normal(sides, features, (normal, 0.0)).unwrap_or(normal);
-        let (own, other) = (a + u * s, c + v * t);
+        let [own, other] = [(here, s), (there, t)].map(|([from, to], at)| from + (to - from) * at);
         Some(Pair { own, other, normal, distance: normal.dot(other - own) })
     }
 }
@@ -456,7 +448,7 @@ impl GuardedPoint {
 /// the normals of both faces, or if they are one, across the direction from there.
 pub(super) fn bend(surface: &FeatureMesh, normal: DVec3, end: &ClosestPoint) -> DVec3 {
     let line = normal.cross(surface.normal_near(end.feature, end.normal));
-    if line.length_squared() > CROSSING * CROSSING { line } else { normal.cross(end.normal) }
+    if line.length_squared() > BENT * BENT { line } else { normal.cross(end.normal) }
 }
 
 /// The unit normal across two edges, towards a unit vector; `None` if it is far from that, as those of edges
